@@ -39,6 +39,7 @@ FEW = 10  # mutants that are not worth compiling the assertions of all tests for
 # the tests that concern numerical packages, in parts that take about as long as one another
 PARTS = (("tests/qp", "tests/contact", "tests/effects", "tests/scene/test_loader.py",
           "tests/scene/test_materials.py", "tests/scene/test_contents.py",
+          "tests/scene/test_library.py", "tests/scene/test_contact_columns.py",
           "tests/verify/test_independent.py"),
          ("tests/feti", "tests/march", "tests/results", "tests/estimates", "tests/python"),
          ("tests/scenes",))
@@ -133,8 +134,9 @@ def function_of(text: str, line: int) -> tuple[int, int]:
 def concerned(one: Mutant, tables: list[dict]) -> dict[str, dict[str, float]]:
     """Tests that execute the changed line, and CPU seconds of each and of what it needs.
 
-    What stands outside of functions concerns all that execute anything of the file. What ranks
-    execute is not known: tests of ranks, by their names, concern all of their package.
+    What stands outside of functions concerns all that execute anything of the file, and the tests
+    of its package, which may look at it without executing more. What ranks execute is not known:
+    tests of ranks, by their names, concern all of their package.
     """
     text, tests = (ROOT / one.file).read_text(), {}
     start, _ = function_of(text, one.line) if one.package != "lib" else (0, 0)
@@ -145,7 +147,7 @@ def concerned(one: Mutant, tables: list[dict]) -> dict[str, dict[str, float]]:
         bits = [int(by, 16) for by in ([nearest] if nearest else known.values())]
         tests |= {test: needs for k, (test, needs) in enumerate(table["tests"].items())
                   if any(number >> k & 1 for number in bits)
-                  or "rank" in test and test.startswith(f"tests/{one.package}/")}
+                  or ("rank" in test or not start) and test.startswith(f"tests/{one.package}/")}
     return tests
 
 

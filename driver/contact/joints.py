@@ -187,7 +187,7 @@ def _of_piece(joint: Joint, piece: Edges, side: tuple, crossing: np.ndarray, fix
     arc, piece = _along(first)
     parts = []
     for component in (0, 1):
-        held = np.isin(2 * gids + component, fixed) | np.isin(gids, crossing)
+        held = np.isin(2 * gids + component, fixed) | np.isin(gids, [*crossing, *others])
         try:
             coupled = mortar.couple(first, second, held)
         except InputError as problem:

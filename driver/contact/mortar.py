@@ -41,6 +41,7 @@ from .side import POINT, WEIGHT, Side
 
 FACING = -0.2  # cosine between the normals of facing edges, at most
 SLIVER = 1e-6  # parts of an edge shorter than this, relative to the edge, do not count
+ROUNDED = 16 * np.finfo(float).eps  # of coordinates: their own rounding, and of a few products
 
 
 @dataclass
@@ -48,8 +49,9 @@ class Coupling:
     """What the contact nodes of one pair keep; n is the number of nodes of the first side.
 
     `weight` (n,) = w_i, zero where nothing is faced; `length` (n,) the same along the boundary, of
-    plane bodies w_i; `gap` (n,); `normal` (n, 2). The jump is a sum
-    of terms: value_k times the displacement of node of_k of side side_k goes to row node_k.
+    plane bodies w_i; `gap` (n,), zero where it is the rounding of coordinates: bodies that touch
+    have no forces of its size; `normal` (n, 2). The jump is a sum of terms: value_k times the
+    displacement of node of_k of side side_k goes to row node_k.
     """
 
     weight: np.ndarray
@@ -125,6 +127,7 @@ def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None 
     used = (length > SLIVER * length.max(initial=0.0)) & (weight > 0) & ~held
     node, side, of, value = (np.concatenate([t[k] for t in terms]) for k in range(4))
     gap = np.divide(gap, weight, out=np.zeros(n), where=used)
+    gap[np.abs(gap) <= ROUNDED * max(np.abs(side.xy).max() for side in (first, second))] = 0.0
     return Coupling(np.where(used, weight * along, 0.0), np.where(used, length, 0.0), gap, normal,
                     *_merge(node, side, of, value, weight, used))
 

@@ -84,8 +84,9 @@ class PairSides:
             able &= before_flanks(first, twins, second.edge_normal)
         sharp = np.zeros(len(gids), bool)
         sharp[places] = corner
-        pair = mortar.couple(first, second, held_nodes(gids, self.fixed),
-                             able, reach, sharp if sharp.any() else None)
+        # at the tip of a crack both sides are one node, which cannot move from itself
+        held = held_nodes(gids, self.fixed) | np.isin(gids, others)
+        pair = mortar.couple(first, second, held, able, reach, sharp if sharp.any() else None)
         if not pair.weight.any() and reach is None:
             one, two = pairs[0]
             raise InputError(

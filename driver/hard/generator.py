@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..text import assignments
-from . import composition
+from . import additions, composition
 from .dice import Dice
 from .shapes import number_text
 
@@ -30,7 +30,7 @@ SPOILT = (("a label that the mesh lacks", "macro contact() ", "macro contact() 7
 
 # of loads that are put on until t = 0.5 and repeated from there on, and that set in there
 REPEATED = "min(1., 2*t)", ("(t < 0.5 ? 0. : sin(4*pi*t))", "(t < 0.5 ? 0. : sin(2*pi*t)^2)")
-OTHER, LATEST = 2**40 + 5, 2**40 + 7  # added to the seed of dice that came later
+OTHER, LATEST, LAST = 2**40 + 5, 2**40 + 7, 2**40 + 9  # added to the seed of dice that came later
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,8 @@ def draw(seed: int) -> RandomScene:
     scene.histories()
     scene.motion(Dice(seed + OTHER))
     scene.later(Dice(seed + LATEST), element)
-    cuts = _cuts(dice, bodies)
+    additions.add(Dice(seed + LAST), scene)
+    bodies, cuts = scene.bodies, _cuts(dice, bodies)
     options = {"element": element, **scene.options}
     text = "\n".join([
         f"// random-{seed}.edp - {bodies.title}", f"//   make run SCENE=random-{seed}.edp "

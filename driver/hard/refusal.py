@@ -1,8 +1,8 @@
 """Whether a refusal is right, by arguments that owe nothing to the solver.
 
 A linear program over the assembled bodies: no contact forces inside their cones balance the loads
-on a free rigid motion. A search of the states of the nodes (states.py): none of them solves the
-step.
+on a free rigid motion. Where contact pulls, the same with the friction that it allows (bounded.py).
+A search of the states of the nodes (states.py): none of them solves the step.
 """
 
 import numpy as np
@@ -11,6 +11,7 @@ from scipy.sparse import bmat, csr_matrix, diags, identity
 
 from ..environment import PLAIN_PROGRAM, silenced
 from . import laws
+from .bounded import unbalanced_by_friction
 from .oracle import Assembled
 from .programs import MOST, none_within
 from .states import States
@@ -89,6 +90,9 @@ def no_state(body: Assembled, manifest, weights: np.ndarray, u_t: np.ndarray,
     pressure any inside its bound at corners: more than there is, so that "no solution" is certain.
     """
     states = _in_units(body, manifest, weights, u_t, slipped, gap)
+    share = unbalanced_by_friction(states)
+    if share > SLACK:
+        return True, f"bounds of friction: {share:.1e} of the forces stay unbalanced"
     solved = states.search(PROGRAMS)
     if solved:
         return False, "it has a solution, in states that the search has come to"

@@ -80,6 +80,15 @@ class Shape:
         """The sides with these labels."""
         return [side for side in self.sides if side.label in labels]
 
+    def shifted(self, way: float) -> "Shape":
+        """The same body moved by `way` along x."""
+        def moved(place):
+            return place and (place[0] + way, place[1])
+
+        return replace(self, sides=tuple(
+            replace(side, start=moved(side.start), end=moved(side.end), centre=moved(side.centre))
+            for side in self.sides))
+
     def text(self, mesh: str, prefix: str, h: float, scale: float, region: int) -> list[str]:
         """FreeFEM statements that set the mesh `mesh`; `h` is the length of an element's side."""
         if self.mesher == "border":
@@ -196,6 +205,24 @@ def with_hole(shape: Shape, x: float, y: float, radius: float, label: int, parts
                  for k in range(parts))
     return replace(shape, name=f"{shape.name} with a hole", mesher="border",
                    sides=shape.sides + arcs, area=shape.area - np.pi * radius**2)
+
+
+def with_slit(shape: Shape, centre: tuple[float, float], length: float, angle: float, rise: float,
+              label: int) -> Shape:
+    """The same with a slit at `angle` whose two lips, arcs, rise by `rise` in their middles.
+
+    The upper lip has the `label`, the lower one the next.
+    """
+    along = 0.5 * length * np.array([np.cos(angle), np.sin(angle)])
+    ends = [tuple((centre + sign * along).tolist()) for sign in (-1.0, 1.0)]
+    across = np.array([-along[1], along[0]]) / (0.5 * length)
+    radius = (0.25 * length**2 + rise**2) / (2 * rise)
+    turn = -2 * float(np.arcsin(0.5 * length / radius))
+    middles = [tuple((centre + sign * (radius - rise) * across).tolist()) for sign in (-1.0, 1.0)]
+    lips = (Side(label, *ends, middles[0], turn, True),
+            Side(label + 1, *ends[::-1], middles[1], turn, True))
+    return replace(shape, name=f"{shape.name} with a slit", mesher="border",
+                   sides=shape.sides + lips)
 
 
 def split(shape: Shape, label: int, share: float) -> Shape:

@@ -262,6 +262,7 @@ class FixedPoint:
             idle, best = idle + 1 if settled and left > 0.5 * best else 0, min(best, left)
             if settled and (left <= 2 * qp.tol or idle >= IDLE):
                 self.history.fallbacks.note(method, index)
+                rows.coefficient = coefficient  # at which x balances: residuals say what it misses
                 return x, result.gradient, rows.sliding(x, bound)
             aim = max(0.3 * aim, min(tol, max(FINEST * qp.scales.d, ROUNDINGS * qp.rounded(x))))
             if changes:
@@ -313,7 +314,6 @@ class FixedPoint:
         if own is None:
             self.rows.coefficient = known
             return solution
-        law(problem.movement(own)[problem.n :])
         return own
 
     # ---- norms of values on contact rows -------------------------------------------------------

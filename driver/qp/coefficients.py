@@ -78,6 +78,7 @@ def consistent(problem: CoulombProblem, z: np.ndarray,
                law: Callable[[np.ndarray], np.ndarray]) -> np.ndarray | None:
     """A solution with the coefficients `law` (m,) of its own slip (m,), by steps from `z`.
 
+    What slides in it is exactly on the bound of the coefficients that `law` was asked for last.
     None if steps from there do not come to one.
     """
     equations = _Equations(problem, law)
@@ -96,4 +97,4 @@ def consistent(problem: CoulombProblem, z: np.ndarray,
             break
         z, left = z + step, near
     own = problem.under(problem.load, law(problem.movement(z)[problem.n :]))
-    return z if own.solves(z) else None
+    return own.on_bounds(z) if own.solves(z) else None

@@ -140,6 +140,19 @@ class CoulombProblem:
         sliding = np.where(signs > 0, FORWARD, np.where(signs < 0, BACKWARD, STICK))
         return self.joined(touching, sliding)
 
+    def on_bounds(self, z: np.ndarray) -> np.ndarray:
+        """z with the forces of open and sliding nodes exactly on the bounds of their states."""
+        states, x = self.states(z), z.copy()
+        x[: self.n][states <= OPEN] = 0.0
+        along, state = x[self.n : self.rows], np.abs(states[self.pair])
+        bound = self.coefficient * np.abs(x[self.pair])
+        if self.offset is not None:
+            bound = bound + self.offset
+        along[state == FORWARD] = bound[state == FORWARD]
+        along[state == BACKWARD] = -bound[state == BACKWARD]
+        along[state == OPEN] = 0.0
+        return x
+
     def choices(self, node: int) -> tuple[int, ...]:
         """The states that a node may be in."""
         where = np.flatnonzero(self.pair == node)
@@ -252,9 +265,10 @@ class StateSystem:
             work[self.node] += slope[:, None] * work[self.sliding]
             border = np.zeros((force.shape[1],) * 2)
             transposed = np.block([[transposed, work[self.free]], [-force[self.free].T, border]])
-        self.factor, self.pivots, failed = transposed, np.empty(0, int), 0
+        self.matrix = self.factor = transposed.T
+        self.pivots, failed = np.empty(0, int), 0
         if len(transposed):
-            self.factor, self.pivots, failed = lapack.dgetrf(transposed.T, overwrite_a=True)
+            self.factor, self.pivots, failed = lapack.dgetrf(self.matrix)
         least = np.abs(np.diag(self.factor))
         self.dependent = failed != 0 or bool(len(least)) and least.min() <= NONE * least.max()
         swaps = np.count_nonzero(self.pivots != np.arange(len(self.pivots)))
@@ -271,7 +285,11 @@ class StateSystem:
             return None if family is None else family[0]
         right = self._right(load, balance)
         if len(right):
-            right, _ = lapack.dgetrs(self.factor, self.pivots, right)
+            unknowns, _ = lapack.dgetrs(self.factor, self.pivots, right)
+            # rows differ in size as stiffness does: else each has the rounding of the largest ones
+            # (R. Skeel, Math. Comp. 35 (1980) 817-832)
+            more, _ = lapack.dgetrs(self.factor, self.pivots, right - self.matrix @ unknowns)
+            right = unknowns + more
         z = self._whole(right) if self.given is None else self._whole(right) + self._offsets
         return z if np.isfinite(z).all() else None
 

@@ -266,7 +266,7 @@ def _edges_of(sub, label: int) -> _Edges:
     own = np.flatnonzero(sub.edge_label == label)
     nodes = sub.edges[own]
     length = np.linalg.norm(np.subtract(*sub.xy[nodes.T]), axis=1)
-    middles = sub.middles(nodes) if len(own) else []
+    middles = sub.middles(nodes)
     if not len(middles):
         return _Edges(own, nodes, length)
     nodes = np.column_stack([nodes, middles])

@@ -147,6 +147,27 @@ def several(name: str, text: str) -> str:
     return text
 
 
+CRACK = """// a plate with a slit is pressed on a floor until it closes
+include "scene.idp"
+units("1", "1");
+subdomains("1");
+border a(t=0, 1) { x = 4*t; y = 0; label = 1; }
+border b(t=0, 1) { x = 4; y = 3*t; label = 2; }
+border c(t=0, 1) { x = 4 - 4*t; y = 3; label = 3; }
+border d(t=0, 1) { x = 0; y = 3 - 3*t; label = 4; }
+border upper(t=0, 1) { x = 1 + 2*t; y = 1 + t + 0.08*t*(1 - t); label = 11; }
+border lower(t=1, 0) { x = 1 + 2*t; y = 1 + t - 0.08*t*(1 - t); label = 12; }
+body = buildmesh(a(6) + b(5) + c(6) + d(5) + upper(8) + lower(8));
+macro young() 2000. //
+macro poisson() 0.35 //
+macro load1() traction(3, 6., -40.) //
+macro contact() 1, 4 //
+macro contactPair() 11, 12 //
+macro friction() 0.4 //
+include "export.idp"
+"""
+
+
 @pytest.fixture(scope="session")
 def checked(solved):
     """checked(scene, NAME=value, ...): a run to tight tolerances that obeys all laws."""
@@ -392,3 +413,41 @@ def test_friction_without_pressure_on_both_sides_of_an_open_corner(checked, name
     floor, wall = last["normal_y"] < -0.5, last["normal_x"] < -0.5
     assert abs(force[floor].sum()) == pytest.approx(2e-4, rel=1e-9)
     assert np.abs(last["sigma_t"][wall]).max() <= 1e-4 * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_tips_of_a_crack_take_no_force(checked, named_scene, element):
+    """Both lips are one node there, which has no condition; its part of the boundary is that of the
+    next nodes, so that weights make up the crack's length. It is closed all along, at any cut.
+    """
+    crack = named_scene("crack", CRACK)
+    one, other = (checked(crack, element=element, subdomains=n) for n in (1, 5))
+    assert apart(by_place(other), by_place(one)) <= CLOSE
+    first = {name: column[0] for name, column in one.contact.items()}
+    lips = first["boundary"] == 11
+    tips = lips & (np.abs(first["x"] - 2) > 1 - 1e-9)
+    assert first["weight"][lips].sum() == pytest.approx(5**0.5, rel=0.01)
+    assert not tips.any() and (first["sigma_n"][lips] < 0).all()
+
+
+def test_labels_have_any_number(solved, named_scene):
+    """Also that of the edges which cuts make, were it not taken: the answer knows no numbers."""
+    found = []
+    for labels in ("1, 2, 3, 4", "10000, 10001, -5, 0"):
+        bottom, right, top, left = labels.split(", ")
+        block = named_scene("numbers", f"""include "scene.idp"
+units("1", "1");
+int[int] sides = [{labels}];
+body = square(6, 3, [2*x, y], label = sides);
+macro young() 1. //
+macro poisson() 0.3 //
+macro support() on({left}, u1 = 0., u2 = 0.) //
+macro load1() traction({top}, 0.01, -0.02) //
+macro contact() {bottom}, {right} //
+include "export.idp"
+""")
+        run = solved(block, **TIGHT, subdomains=3)
+        assert run.status == 0 and sorted(set(run.contact["boundary"][0])) == sorted(
+            [int(bottom), int(right)])
+        found.append(by_place(run))
+    assert apart(*found) <= 1e-12

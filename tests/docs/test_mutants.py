@@ -50,14 +50,15 @@ def test_what_is_called_equivalent_has_its_argument():
 
 def test_a_line_concerns_the_tests_that_execute_it(monkeypatch, tmp_path):
     """Its own function's line above it where it is none that is executed; outside of functions all
-    of the file; of the library all that read the file.
+    of the file and of the package; of the library all that read the file.
     """
     monkeypatch.setattr(mutants, "ROOT", tmp_path)
     (tmp_path / "driver" / "qp").mkdir(parents=True)
     (tmp_path / "driver" / "qp" / "some.py").write_text(
         "LIMIT = 3\n\n\ndef one(x):\n    y = x + (\n        LIMIT)\n    return y\n\n\n"
         "def two(x):\n    return -x\n")
-    costs = {"tests/qp/test_a.py::test_1": 0.5, "tests/qp/test_a.py::test_2": 0.1}
+    costs = {"tests/qp/test_a.py::test_1": 0.5, "tests/qp/test_a.py::test_2": 0.1,
+             "tests/qp/test_b.py::test_3": 0.1, "tests/feti/test_c.py::test_4": 0.1}
     tables = [{"tests": {name: {name: seconds} for name, seconds in costs.items()},
                "lines": {"driver/qp/some.py": {"y = x + (": "1", "return y": "1",
                                                "return -x": "2"}}}]
@@ -66,7 +67,7 @@ def test_a_line_concerns_the_tests_that_execute_it(monkeypatch, tmp_path):
         one = mutations.Mutant("driver/qp/some.py", "", line, "", "")
         return sorted(name[-1] for name in mutants.concerned(one, tables))
 
-    assert of(6) == of(7) == ["1"] and of(11) == ["2"] and of(1) == ["1", "2"]
+    assert of(6) == of(7) == ["1"] and of(11) == ["2"] and of(1) == ["1", "2", "3"]
 
 
 def test_cheap_tests_and_those_of_the_package_come_first():

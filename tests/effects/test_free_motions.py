@@ -6,8 +6,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
-from driver.effects.free_bodies import FreeBodies, _least, _sum
+from driver.contact.kkt import Scales
+from driver.contact.rows import ContactRows
+from driver.effects.free_bodies import LOOSE, FreeBodies, _least, _sum
+
+
+def mode(body=0, translation=(1.0, 0.0), rotation=0.0) -> SimpleNamespace:
+    return SimpleNamespace(body=body, translation=np.array(translation), rotation=rotation)
 
 
 @pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
@@ -38,11 +45,126 @@ def test_bodies_that_stay_unbalanced_are_named():
 
 def test_the_loads_resultant_is_that_of_one_body_along_its_free_motions():
     """Two shifts make a vector, one a part of it; a turn says nothing, nor two bodies."""
-    def mode(body, translation, rotation=0.0):
-        return SimpleNamespace(body=body, translation=np.array(translation), rotation=rotation)
-
     both = [mode(0, [2.0, 0.0]), mode(0, [0.0, 1.0]), mode(0, [0.3, 0.1], 1.0)]
     assert _sum(both, np.array([6.0, -4.0, 9.0])) == " (3, -4)"
     assert _sum(both[:1], np.array([6.0])) == " (3, 0)"
     assert _sum(both[2:], np.array([9.0])) == ""
     assert _sum([both[0], mode(1, [1.0, 0.0])], np.array([6.0, 1.0])) == ""
+
+
+def free(modes, motions, **operator) -> FreeBodies:
+    """Two contact nodes, the first of which presses; `motions` (modes, 4) of their rows."""
+    node = np.arange(2)
+    rows = ContactRows(node, node, np.zeros(2), 2 + node, node, node, np.full(2, 0.5), None,
+                       np.zeros(0, int), np.zeros(2, bool))
+    structure = SimpleNamespace(
+        rigid_modes=modes, row_range=(10, 14), dual_dofs=100, patterns=1,
+        travel=SimpleNamespace(bodies=SimpleNamespace(size=np.array([2.0, 4.0]))))
+    return FreeBodies(SimpleNamespace(**{
+        "motions": [np.array(motion, float) for motion in motions], "structure": structure,
+        "owned": 4, "dot": np.dot, "modes": len(modes), "comm": MPI.COMM_SELF, **operator}),
+        rows, SimpleNamespace(contact=True, frictional=True), Scales(),
+        SimpleNamespace(warnings=[]))
+
+
+def test_where_rigid_motions_may_go():
+    """Not where a node presses or sticks; open ones as far as there is room, sliding ones on in
+    their direction or back by as much as they have slid.
+    """
+    of = free([mode()], [[1.0, 2.0, 3.0, 4.0]])
+    x, gradient = np.array([4.0, 0.0, -2.0, 0.0]), np.array([0.0, 0.25, -0.5, 0.0])
+    place, held, beside, limited, room = of._conditions(x, gradient)
+    assert place.tolist() == [10] and held.tolist() == [[1.0]]  # the other has no friction
+    assert beside.tolist() == [11, 112] and limited.tolist() == [[2.0], [3.0]]
+    np.testing.assert_array_equal(room, [0.25, 0.0])  # slid against its force by -0.5: none is left
+    x[2], gradient[2] = 2.0, -0.5
+    _, _, _, limited, room = of._conditions(x, gradient)
+    assert limited.tolist() == [[2.0], [-3.0]] and room.tolist() == [0.25, 0.5]
+    x[2] = 1.0
+    place, held, beside, _, _ = of._conditions(x, gradient)
+    assert place.tolist() == [10, 112] and held.tolist() == [[1.0], [3.0]]
+    assert beside.tolist() == [11]
+
+
+@pytest.mark.parametrize("x, loose", [
+    ([4.0, 0, 1, 0], False), ([4.0, 0, 2, 0], True), ([0.0, 0, 0, 0], True), ([4.0, 4, 2, 1], True),
+    ([4.0, 4, 2, -1], False)])
+def test_motions_that_nothing_holds_are_said_once(x, loose):
+    """A shift along the first node: it sticks, or slides and leaves it to nothing."""
+    of = free([mode()], [[0.0, 0.0, 1.0, 1.0 if x[3] < 0 else 0.0]])
+    for _ in range(2):
+        of.note_loose_motion(3, np.array(x))
+    assert len(of.history.warnings) == loose
+    assert not loose or of.history.warnings[0].startswith("step 3: ") and LOOSE in (
+        of.history.warnings[0])
+
+
+def test_imbalance_is_a_part_of_the_forces_on_a_body():
+    """Of any of its motions the largest; or a hundredth of contact forces where supports leave it
+    few motions.
+    """
+    modes = [mode(0), mode(0), mode(0), mode(1)]
+    of = free(modes, np.zeros((4, 4)), imbalance=lambda x, weights: (
+        np.array([3.0, -1.0, 0.5, 2.0]), np.array([10.0, 1.0, 0.0, 4.0])))
+    of.__dict__["_touched"] = {1: np.array([0.0, 0.0, 50.0, 100.0])}
+    load, x = SimpleNamespace(weights=None), np.array([9.0, 9.0, 4.0, -8.0])
+    np.testing.assert_allclose(of._shares(load, x), [0.3, 0.1, 0.05, 2 / 10])
+    assert of.imbalance(load, x) == pytest.approx(0.3)
+    still = free(modes[:1], np.zeros((1, 4)), imbalance=lambda x, weights: np.zeros((2, 1)))
+    still.__dict__["_touched"] = {}
+    assert still.imbalance(load, x) == 0.0
+
+
+def test_where_unbalanced_forces_drive_a_body():
+    """In their direction, unless they turn it by more, over its size."""
+    modes = [mode(1, (2.0, 0.0)), mode(1, (0.0, 1.0)), mode(1, (0.0, 0.0), 0.5), mode(0)]
+    for net, words in (([1.5, -4.0, 0.0, 99.0], "direction (0.6, -0.8)"),
+                       ([1.5, -4.0, 2.6, 99.0], "free to turn")):
+        of = free(modes, np.zeros((4, 4)), imbalance=lambda x, weights, net=net: (
+            np.array(net), None))
+        said = of._way(SimpleNamespace(weights=None), None, 1)
+        assert said.startswith("body 2 ") and words in said
+
+
+def test_springs_are_followed_until_they_carry_nothing():
+    """Motions by what springs of compliance rho carry; in combination no slower where they are
+    independent.
+    """
+    stiffness, load_on = np.array([[2.0, 0.0], [0.0, 0.5]]), np.array([1.0, 3.0])
+    load = SimpleNamespace(weights=np.array([7.0, 0.0, 0.0]))
+
+    def move(motions, change):
+        load.weights[1:] += change
+        return change
+
+    load.move = move
+    of = free([mode(), mode()], np.zeros((2, 4)), rho=np.array([0.4, 0.4]),
+              imbalance=lambda x, weights: (load_on - stiffness @ weights[1:], np.ones(2)))
+    assert of.follow(load, None).tolist() == [0.4, 1.2000000000000002]
+    secants = of.secants()
+    for _ in range(6):
+        of.lead(load, None, secants)
+    np.testing.assert_allclose(load.weights[1:], [0.5, 6.0], rtol=1e-6)
+    assert load.weights[0] == 7.0
+
+
+def test_a_free_body_settles_where_it_moves_least():
+    """In the mean over the body, from where it was: two shifts of unlike sizes, one held."""
+    shifts = [mode(0, (2.0, 0.0)), mode(0, (0.0, 0.5))]
+    of = free(shifts, [[0.0, 0, 0, 0], [1.0, 0, 0, 0]])
+    bodies = SimpleNamespace(coefficients=lambda one: np.array([*one.translation, 0.0]))
+    was, now = np.array([[0.25, 0.5, 0.0]]), np.array([[3.0, 5.0, 0.0]])
+    of.placed = was
+    of.operator.rigid_parts = SimpleNamespace(coefficients=lambda fields: now - 1.0, bodies=bodies,
+                                              gram=np.diag([4.0, 4.0, 1.0])[None])
+    of.operator.deformations = lambda x, weights: None
+    of.operator.structure.travel.of = lambda weights: np.array([[1.0, 1.0, 1.0]])
+    load = SimpleNamespace(weights=None, move=lambda motions, change: change)
+    x, gradient = np.array([4.0, 0.0, 2.0, 0.0]), np.array([0.0, 0.25, -0.5, 0.0])
+    change = of.settle(load, x, gradient)  # the node that presses feels the second shift alone
+    np.testing.assert_allclose(change, [-(3 - 0.25) / 2, 0.0], atol=1e-12)
+    np.testing.assert_allclose(of.placed, [[0.25, 5.0, 0.0]], atol=1e-12)
+    of.placed = was
+    change = of.settle(load, np.zeros(4), gradient)  # nothing holds it
+    np.testing.assert_allclose(change, [-(3 - 0.25) / 2, -(5 - 0.5) / 0.5], atol=1e-12)
+    np.testing.assert_allclose(of.placed, was, atol=1e-12)

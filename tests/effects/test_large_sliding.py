@@ -240,13 +240,17 @@ def test_a_latch_goes_in_and_comes_out_as_beams_bend(solved):
 # ---- what is renewed, and what goes on -----------------------------------------------------------
 
 def test_only_contact_rows_are_renewed(exported, scene, monkeypatch):
-    """No subdomain and no coarse problem is factorized again; a resumed run has the same bits."""
+    """No subdomain and no coarse problem is factorized again; a resumed run has the same bits.
+
+    A side of the punch is bent: at its end a support moves one component of a node in contact.
+    """
     from mpi4py import MPI
 
     count, reduced = [], TornFactor.reduced
     monkeypatch.setattr(TornFactor, "reduced",
                         lambda self, corner: count.append(1) or reduced(self, corner))
-    place = exported(scene(PUNCH), subdomains=4, steps=8)
+    guided = ("u1 = 4., u2 = 0.) //", "u1 = 4., u2 = 0.) + on(14, u1 = 4.01 - y/200.) //")
+    place = exported(scene(PUNCH, guided), subdomains=4, steps=8)
     problem = assemble(place, MPI.COMM_WORLD)
     made, coarse = len(count), problem.operator.coarse
     solver, steps, kept = problem.solver(Settings()), [], None

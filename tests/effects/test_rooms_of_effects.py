@@ -7,7 +7,8 @@ import pytest
 from mpi4py import MPI
 
 from driver.contact.motion import ObstacleMotion
-from driver.effects import cycles, large_sliding, probe, slip_law, wear
+from driver.effects import (Effects, compliance_exponent, cycles, large_sliding, normal_compliance,
+                            probe, slip_law, springs, tie, wear)
 from driver.errors import InputError
 from driver.march.closure import Closure
 
@@ -164,3 +165,105 @@ def test_what_tangents_miss_is_relative_to_the_closure(law, tangent, missed):
     closure.qp = SimpleNamespace(operator=SimpleNamespace(comm=MPI.COMM_SELF))
     closure.residuals = SimpleNamespace(scales=SimpleNamespace(displacement=0.0))
     assert closure.missed(np.array([3.0, 0.0]), np.zeros(2)) == pytest.approx(missed)
+
+
+def room_of(module, rooms=(), columns=None, weight=(1.0,)):
+    """A room that is prepared for contact nodes with these columns and weights."""
+    name = module.__name__.rpartition(".")[2]
+    manifest = SimpleNamespace(rooms={name: {}, **dict.fromkeys(rooms, {})}, patterns=[])
+    room = module.Room(name, manifest)
+    columns = {key: np.array(of, float) for key, of in (columns or {}).items()}
+    contact = SimpleNamespace(columns=columns, weight=np.array(weight), gid=np.arange(len(weight)))
+    room.prepare(contact)
+    return room, contact
+
+
+@pytest.mark.parametrize("m", [0.5, 1.0, 2.0, 3.3])
+def test_tangents_of_a_power_law_are_its_slopes(m):
+    """p = c z^m at weights of their own: closures, and about them the line that touches the law;
+    none where the surface is smooth.
+    """
+    nodes, force = np.arange(3), np.array([6.0, 0.5, 2.0])
+    room, _ = room_of(compliance_exponent, ["normal_compliance"], {
+        "normal_compliance": [3.0, 2.0, 0.0], "compliance_exponent": [m, m, 0.0]}, [2.0, 0.5, 1.0])
+    z = room.closure(nodes, force, None)
+    np.testing.assert_allclose(z, [(6 / 2 / 3) ** (1 / m), (0.5 / 0.5 / 2) ** (1 / m), 0.0])
+    assert room.reach(nodes, force, z) == pytest.approx(z.max())
+    slope, offset = room.tangent(nodes, force, z, None, z.max())
+    np.testing.assert_allclose(offset + slope * force, z, rtol=1e-12)
+    step = 1e-6 * force
+    change = room.closure(nodes, force + step, None) - room.closure(nodes, force - step, None)
+    np.testing.assert_allclose(slope, change / (2 * step), rtol=1e-6)
+    # about the closure at hand where the law is smooth in it, about the force where it is not
+    about = 0.25 * z
+    slope, offset = room.tangent(nodes, force, about, None, z.max())
+    c, weight = np.array([3.0, 2.0]), np.array([2.0, 0.5])
+    at = np.where(m < 1, z, about)[:2]
+    np.testing.assert_allclose(offset[:2] + slope[:2] * weight * c * at**m, at, rtol=1e-12)
+    # without a closure that of the force; without either a slope at a part of the largest
+    np.testing.assert_allclose(room.tangent(nodes, force, 0 * z, None, 1.0)[1][:2],
+                               (z - m**-1 * z)[:2], rtol=1e-9)
+    slope, offset = room.tangent(nodes, 0 * force, 0 * z, None, 1.0)
+    steepest = c * m * compliance_exponent.FLOOR ** (m - 1)
+    np.testing.assert_allclose(slope[:2], 1 / (steepest * weight))
+    assert not offset.any() and slope[2] == 0.0
+    assert not room.tangent(nodes, 0 * force, 0 * z, None, 0.0)[0].any()
+
+
+def test_laws_of_nodes_add_up():
+    """Friction by its coefficient, cohesion and a given bound by lengths; all of a node pulls where
+    any part of it is bilateral; what faces nothing has no strength.
+    """
+    columns = {"friction": [0.5, 0.25], "cohesion": [3.0, 1.0], "tresca": [0.5, 0.5],
+               "bilateral": [0.0, 0.1]}
+    manifest = SimpleNamespace(
+        rooms=dict.fromkeys(("contact", "friction", "cohesion", "tresca", "bilateral"), {}),
+        patterns=[], contact_labels=[1], quasistatic=True, bodies=1)
+    effects = Effects(manifest)
+    contact = SimpleNamespace(
+        columns={name: np.array(of) for name, of in columns.items()}, weight=np.array([2.0, 4.0]),
+        joined=0, covered=None, gap=np.zeros(2), motion=None, following=None, gid=np.arange(2))
+    law = effects.contact_law(contact)
+    np.testing.assert_allclose(law.friction_bound(np.array([10.0, -8.0])), [5 + 7, 2 + 6])
+    assert law.bilateral.tolist() == [False, True]
+    contact.covered = np.array([0.5, 0.0])
+    np.testing.assert_allclose(effects.contact_law(contact).offset, [3.5, 0.0])
+    contact.joined, contact.is_joint = 1, np.array([True, False])
+    assert effects.contact_law(contact).bilateral.tolist() == [True, True]
+    assert not effects.homogeneous(contact, np.zeros(2))  # an offset does not grow with the load
+    del effects.rooms["cohesion"], effects.rooms["tresca"]
+    assert effects.homogeneous(contact, np.zeros(2))
+    for name, value in (("gap", np.array([0.0, 1.0])), ("motion", "some"), ("following", "some")):
+        before = getattr(contact, name)
+        setattr(contact, name, value)
+        assert not effects.homogeneous(contact, np.zeros(2))
+        setattr(contact, name, before)
+    assert not effects.homogeneous(contact, np.array([0.0, 0.1]))
+    effects.prepare(contact)
+    assert effects.rooms["bilateral"].summary == {"contact": "unilateral and bilateral"}
+    assert effects.quantities[-1] == "displacement" and "slip" in effects.quantities
+    np.testing.assert_array_equal(effects.distance({}, 3), np.zeros(3))
+
+
+def test_rough_surfaces_yield_by_their_area():
+    """1/(c w), nothing where c is zero; with an exponent tangents do it."""
+    columns = {"normal_compliance": [2.0, 0.0]}
+    room, contact = room_of(normal_compliance, (), columns, [0.25, 1.0])
+    np.testing.assert_array_equal(room.compliance(contact), [2.0, 0.0])
+    room, contact = room_of(normal_compliance, ["compliance_exponent"], columns, [0.25, 1.0])
+    assert room.compliance(contact) is None
+
+
+def test_an_effect_that_the_driver_lacks_is_said():
+    manifest = SimpleNamespace(rooms={"moonlight": {}}, patterns=[], contact_labels=[])
+    with pytest.raises(InputError, match="moonlight, which driver/effects lacks"):
+        Effects(manifest)
+    with pytest.raises(InputError, match="labels of springs"):
+        springs.Room("springs", SimpleNamespace(rooms={"springs": {"labels": [7]}}, patterns=[],
+                                                labels=[1]))
+    with pytest.raises(InputError, match="labels of tie"):
+        tie.Room("tie", SimpleNamespace(rooms={"tie": {"labels": [[1, 9]]}}, patterns=[],
+                                        labels=[1]))
+    joined = tie.Room("tie", SimpleNamespace(rooms={"tie": {"labels": [[1, 2]]}}, patterns=[],
+                                             labels=[1, 2])).joints()
+    assert [(one.first, one.second, one.periodic) for one in joined] == [(1, 2, False)]

@@ -99,7 +99,8 @@ def test_an_accidentally_small_change_is_not_believed():
 
 
 def test_no_change_is_no_error():
-    assert part([2.0, 2.0, 2.0]).error == 0.0
+    assert part([2.0, 2.0, 2.0]) == budget.Part(0.0)
+    assert part([1.0, 2.0, 3.0], limit=True).error >= 2.0  # the same change again is one
     assert budget.summed({"mesh": part([0.0, 0.0, 0.0])}, 0.0)["relative"] == 0.0
 
 

@@ -6,6 +6,7 @@ import pytest
 
 from driver.estimates import prices
 from driver.estimates.alternatives import Alternatives
+from driver.estimates.budget import Part
 from driver.estimates.prices import Adaptive, Costs, Measured, Quantity, Uniform, Whole
 
 
@@ -114,6 +115,24 @@ def test_errors_of_other_meshes_are_bounded_by_the_run(value, claimed, error):
     kinds.name, kinds.stride = "slip", 4
     own = SimpleNamespace(errors=[0.05])
     assert kinds._within(value + 0.1, claimed, own) == pytest.approx(error)
+
+
+@pytest.mark.parametrize("steps, start, counts", [
+    (8, 0, [8, 4, 2]), (8, 4, [8, 4, 2]), (8, 2, [8, 4]), (6, 0, [6, 3]), (8, 1, [8]), (7, 0, [7])])
+def test_fewer_steps_err_by_what_companions_with_them_are_off(steps, start, counts):
+    """Where every second or fourth step ends at the end, and one where a cycle begins."""
+    kinds = Alternatives.__new__(Alternatives)
+    kinds.name, kinds.manifest = "slip", SimpleNamespace(steps=steps)
+    kinds.parts = {"time": Part(0.5), "friction": Part(0.01), "solver": Part(0.02)}
+    kinds.companions = SimpleNamespace(
+        effects=SimpleNamespace(frictional=True, quasistatic=True), base={},
+        manifest=SimpleNamespace(cycle_start=start), stride=lambda wanted: wanted,
+        level=lambda mesh, stride: SimpleNamespace(values={"slip": 1.0 + 0.1 * (stride - 1)}))
+    found = kinds.quantity(1.0)
+    assert found.times == pytest.approx({n: 0.5 + 0.1 * (steps // n - 1) for n in counts})
+    assert found.others == pytest.approx(0.03) and not found.static and found.jumps is None
+    kinds.companions.effects.frictional = False
+    assert kinds.quantity(1.0).times == {steps: 0.5}
 
 
 def a_list(times=None, static=False):

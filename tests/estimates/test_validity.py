@@ -1,9 +1,13 @@
 """Whether the assumptions of a run hold: distances at displaced places, strains, overlaps."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from mpi4py import MPI
 
-from driver.estimates import true_distance
+from driver.contact.states import OPEN, STICK, ContactField
+from driver.estimates import true_distance, validity
 from driver.estimates.validity import INVALID, QUESTIONABLE
 
 HEAD = '''include "scene.idp"
@@ -118,6 +122,45 @@ def test_feet_that_do_not_follow_one_another_make_no_curve():
     assert true_distance.obstacle(foot[:1], foot[:1]) is None
 
 
+@pytest.mark.parametrize("turn", [0.0, 0.6, np.pi])
+def test_feet_make_one_curve_in_either_order(turn):
+    """On a parabola, wherever it is turned to; a gap in the boundary is one in the curve."""
+    x = np.linspace(-1, 1, 9)
+    spin = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    foot = np.column_stack([x, 0.2 * x**2]) @ spin.T
+    normal = np.column_stack([0.4 * x, -np.ones(9)]) / np.hypot(0.4 * x, 1)[:, None] @ spin.T
+    there = true_distance.obstacle(foot, normal)
+    back = true_distance.obstacle(foot[::-1], normal[::-1])
+    middle = np.linspace(-0.95, 0.95, 20)
+    place = np.column_stack([middle, 0.2 * middle**2 + 0.1]) @ spin.T
+    for curve in (there, back):
+        distance, away = curve.distance(place)
+        np.testing.assert_allclose(distance, 0.1 / np.hypot(1, 0.4 * middle), atol=3e-3)
+        assert ((away @ spin)[:, 1] > 0.9).all()
+    np.testing.assert_allclose(there.distance(place)[0], back.distance(place)[0], rtol=1e-12)
+    joined = np.arange(8) != 3
+    assert len(true_distance.obstacle(foot, normal, joined).start) == 7
+    assert true_distance.obstacle(foot, normal, np.zeros(8, bool)) is None
+
+
+def test_depth_in_a_polygon_by_its_own_formula():
+    """Of a triangle that turns either way: inside where the smallest distance of its lines is."""
+    corner = np.array([[0.0, 0.0], [3.0, 1.0], [1.0, 2.0]])
+    place = np.random.default_rng(2).uniform(-1, 4, (300, 2))
+    for start in (corner, corner[::-1]):
+        end = np.roll(start, -1, axis=0)
+        chord = (end - start) / np.linalg.norm(end - start, axis=1)[:, None]
+        away = place[:, None] - start
+        off = chord[:, 0] * away[..., 1] - chord[:, 1] * away[..., 0]
+        within = (off > 0).all(axis=1) | (off < 0).all(axis=1)
+        np.testing.assert_array_equal(true_distance.inside(place, start, end), within)
+        depth, edge = true_distance.nearest(place, start, end)
+        np.testing.assert_allclose(depth[within], np.abs(off[within]).min(axis=1), rtol=1e-12)
+        np.testing.assert_array_equal(edge[within], np.abs(off[within]).argmin(axis=1))
+        to_corner = np.linalg.norm(place[:, None] - corner, axis=2).min(axis=1)
+        assert (depth <= to_corner + 1e-15).all()
+
+
 def test_points_in_polygons_and_crossing_edges():
     corner = np.array([[0.0, 0], [2, 0], [2, 1], [0, 1]])
     start, end = corner, np.roll(corner, -1, axis=0)
@@ -130,6 +173,62 @@ def test_points_in_polygons_and_crossing_edges():
     bow = corner[[0, 2, 1, 3]]
     assert true_distance.crossings(bow, np.roll(bow, -1, axis=0), ends).tolist() in ([[0, 2]],
                                                                                     [[2, 0]])
+
+
+def checks():
+    """What checks steps of two boundaries on circular pins; where nothing has been found yet."""
+    R, angle = np.array([2.0, 5.0]), np.linspace(-0.3, 0.3, 13)
+    ray = np.column_stack([np.sin(angle), -np.cos(angle)])
+    n = len(angle)
+    xy = np.concatenate([r * ray + [10 * k, 0] for k, r in enumerate(R)])
+    b = SimpleNamespace(
+        gid=np.arange(2 * n), chain=np.repeat([0, 1], n), label=np.repeat([4, 5], n), xy=xy,
+        arc=np.concatenate([2 * r * np.sin(0.025) * np.arange(n) for r in R]), gap=np.zeros(2 * n),
+        normal=np.concatenate([-ray, -ray]), paired=np.zeros(2 * n, bool), following=None,
+        about=None, length=np.repeat(0.05 * R, n))
+    b.at = lambda time: b
+    found = object.__new__(validity.Validity)
+    found.boundary, found.comm = b, MPI.COMM_SELF
+    found.problem = SimpleNamespace(manifest=SimpleNamespace(contact_pairs=[]))
+    found.worst = {name: validity.Worst() for name in QUESTIONABLE}
+    found.overlaps, found.parts = {}, {name: np.zeros(2) for name in validity.MEASURES}
+    return found
+
+
+def test_nodes_that_touch_are_compared_with_the_obstacle_and_others_are_not():
+    """A node of a bush that slides by s along its pin's tangent is off it by s^2/2R, and its normal
+    by s/R: relative to the length in contact. Nodes apart go where they like.
+    """
+    found = checks()
+    b, n, s = found.boundary, 13, 0.2
+    status = np.full(2 * n, OPEN)
+    status[3:10] = STICK  # of the first pin, where radii are 2; none of the second touches
+    tangent = np.column_stack([-b.normal[:, 1], b.normal[:, 0]])
+    moved = s * tangent
+    moved[status == OPEN] *= -3
+    u_n = (moved * b.normal).sum(axis=1)
+    found._check_contact(SimpleNamespace(time=1.0, index=7),
+                         {ContactField.STATUS: status, ContactField.U_N: u_n}, None, moved)
+    off, turn = found.worst["largest_normal_error"], found.worst["normal_turn"]
+    length = 7 * 0.05 * 2
+    assert off.value * length == pytest.approx(np.hypot(2, s) - 2, rel=2e-3)
+    assert turn.value == pytest.approx(np.arctan(s / 2), rel=2e-3)
+    assert off.step == turn.step == 7 and off.more == {"paired": False}
+    assert found.summary()["normal_turn"] == turn.value
+
+
+@pytest.mark.parametrize("share, verdict_", [(0.5, 0), (1.5, 1), (40.0, 2)])
+def test_the_verdict_is_that_of_the_worst_measure(share, verdict_):
+    """The measure that is beyond most limits, with its place, step and reason."""
+    found = checks()
+    for name, part in (("largest_normal_error", share), ("normal_turn", 0.9)):
+        found.note(name, part * QUESTIONABLE[name], (1.0, 2.0), 3, paired=True)
+        found.note(name, 0.5 * part * QUESTIONABLE[name], (5.0, 6.0), 4, paired=True)
+    entry = found.summary()
+    assert entry["verdict"] == validity.VERDICTS[verdict_]
+    assert entry["largest_normal_error"] == share * QUESTIONABLE["largest_normal_error"]
+    words = ("(1, 2) in step 3", "LINEARIZATION=updated")
+    assert all((word in entry["reason"]) == bool(verdict_) for word in words)
 
 
 # ------------------------------------------------------------------------------ runs

@@ -17,7 +17,7 @@ from driver.hard import (deformations, generator, judgement, laws, programs, ran
                          sensitivity, states, suite)
 from driver.qp import complementarity
 from driver.qp.coulomb import CoulombProblem
-from driver.hard.shapes import block, disc, lattice, split, with_hole
+from driver.hard.shapes import block, disc, lattice, split, with_hole, with_slit
 
 SEED = 3007  # the scenes of the default tests begin here
 RANKED = (3011,)  # of them those that also run on two ranks, which takes a second each
@@ -39,7 +39,8 @@ def test_scenes_cover_what_they_shall():
     assert len(seen["law"]) == 7 and len(seen["gap"]) == 8
     assert {"static", *generator.HISTORIES} == seen["history"]
     assert seen["jump"] >= {"none", "1e+06", "0.001"} and "none" in seen["support"]
-    for rare in ("spoilt", "sides", "sliding", "cycles", "obstacles"):
+    for rare in ("spoilt", "sides", "sliding", "cycles", "obstacles", "slit", "springs",
+                 "revolution"):
         assert sum(rare in each for each in declared) > 0, rare
 
 
@@ -61,6 +62,21 @@ def test_outlines_close(shape):
         assert np.allclose(curve[:, [0, -1]].T, [side.start, side.end], atol=1e-14)
         green += 0.5 * np.sum(curve[0][:-1] * curve[1][1:] - curve[0][1:] * curve[1][:-1])
     assert np.isclose(green, shape.area, rtol=1e-3)  # chords of arcs
+
+
+def test_a_slit_has_two_tips_and_bodies_of_revolution_keep_off_the_axis():
+    """Lips run clockwise from tip to tip, in the middle of their body; sections are as they were.
+    """
+    body = block(-1.0, 0.0, 2.0, 1.0)
+    upper, lower = with_slit(body, (0.0, 0.5), 0.6, 0.5, 0.02, 81).labelled(81, 82)
+    assert (upper.start, upper.end) == (lower.end, lower.start)
+    for side, sign in ((upper, 1.0), (lower, -1.0)):
+        np.testing.assert_allclose(side.places[[0, -1]], [side.start, side.end], atol=1e-14)
+        middle = side.places[len(side.places) // 2] - [0.0, 0.5]
+        np.testing.assert_allclose(middle, sign * 0.02 * np.array([-np.sin(0.5), np.cos(0.5)]),
+                                   atol=1e-14)
+    moved = body.shifted(3.0)
+    assert moved.area == body.area and min(x for side in moved.sides for x, _ in side.places) == 2.0
 
 
 # ------------------------------------------------------------------------------ scenes, judged
@@ -478,6 +494,7 @@ def test_an_interrupt_of_the_command_alone_ends_its_processes(after, tmp_path):
     102032, 120003, 200063,  # jumps of 1e6: only rounding is left
     102052,  # squeezed all round under given friction
     120224,  # forces that two conditions at one place hand on to one another
-    200083, 200092])  # loads at their zeros, cohesion along a wall
+    200083, 200092,  # loads at their zeros, cohesion along a wall
+    5000583, 5000635, 5000664])  # friction of the own slip, stiff nodes beside soft ones, condensed
 def test_scenes_that_failed_once(seed, tmp_path):
     assert random.judge(seed, tmp_path).status == "solved"

@@ -456,3 +456,42 @@ def test_bodies_that_go_far_and_return_leave_nothing_in_d(unit):
     way = load.weights[1] - 0.2 * unit
     assert abs(way) < unit and load.farthest == pytest.approx(0.77e12 * unit)
     assert load.d == pytest.approx(d + way * motions[0], rel=1e-15)
+
+
+def test_missing_forces_are_sought_on_rows_inside_their_bounds():
+    """And on those that would leave them; what stays at a bound, lower or upper, bears no part."""
+    limits = np.array([[0.0, -1.0, -1.0, -1.0, 0.0], [np.inf, 1.0, 1.0, 1.0, np.inf]])
+    x, gradient = np.array([0.0, 1.0, -1.0, 0.5, 2.0]), np.array([3.0, -2.0, -0.25, 0.125, 0.0])
+    asked = []
+
+    def preconditioner(residual, face):
+        asked.append((residual.copy(), face.copy()))
+        return 2 * residual
+
+    found = object.__new__(of_steps.Residuals)
+    found.operator = SimpleNamespace(owned=5, dot=np.dot)
+    found.rows = SimpleNamespace(limits=lambda owned, _: limits)
+    found.contact = np.array([1.0, 1, 1, 1, 0])  # the last row glues
+    found.scales = Scales(d=1.0)
+    found.qp = SimpleNamespace(preconditioner=preconditioner, size=np.linalg.norm, bound=1e9)
+    missing = found._missing(x, gradient)
+    (residual, face), = asked
+    assert face.tolist() == [False, False, True, True, True]
+    np.testing.assert_array_equal(residual, [0, 0, -0.25, 0.125, 0])
+    assert missing == pytest.approx(2 * np.hypot(0.25, 0.125) / np.linalg.norm(x[:4]))
+    found.qp.preconditioner = None  # then over what the QP's tolerance is relative to
+    assert found._missing(x, gradient) == pytest.approx(np.hypot(0.25, 0.125))
+
+
+def test_corners_are_judged_by_the_whole_deformation(built, steps_of):
+    """A peg in a square hole: what a corner touches within is the same part of the same deformation
+    at any cut, not of a bound of it that the cut decides on.
+    """
+    found = []
+    for subdomains in (1, 4):
+        problem = built("hard/hole", subdomains=subdomains, steps=1)
+        solver, (step,) = steps_of(problem, rtol=1e-10, friction_rtol=1e-9)
+        whole = problem.operator.deformation_by_level(step.multipliers, step.weights)
+        assert solver.scales.displacements == pytest.approx(whole, rel=1e-6)
+        found.append(solver.scales.displacement)
+    assert found[0] == pytest.approx(found[1], rel=1e-6)

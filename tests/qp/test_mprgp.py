@@ -735,3 +735,16 @@ def test_scale_makes_up_for_rows_of_different_size(expansion):
                     gradient0=(A @ plain.x - b) / D,
                     preconditioner=jacobi, **same)
     assert started.status == "converged" and started.products <= 2
+
+
+@pytest.mark.parametrize("slope, status", [(1e-3, "indefinite operator"), (1e-12, "stagnated")])
+def test_a_ray_without_curvature_is_endless_or_rounding(slope, status):
+    """By what products leave of a gradient, times the updates since the last one."""
+    solver = object.__new__(module._Mprgp)
+    solver.x, solver.updates, solver.dot = np.ones(3), 9, np.dot
+    solver.bound, solver.b_norm = 1e3, 1.0
+    p = np.array([0.0, 2.0, 0.0])
+    solver.refuse_endless(1.0, p, 2 * slope)  # it ends
+    with pytest.raises(module._Stop) as stop:
+        solver.refuse_endless(np.inf, p, 2 * slope)
+    assert stop.value.args[0] == status

@@ -9,6 +9,7 @@ import pytest
 
 from driver.qp import branching, coefficients, complementarity, continuation
 from driver.qp.coulomb import CoulombProblem
+from driver.hard.bounded import unbalanced_by_friction
 from driver.hard.states import States
 
 SEEDS = 12
@@ -53,6 +54,19 @@ def test_branch_and_bound_says_what_all_states_say(nodes, motions, pulls):
     assert none > 0 or pulls  # bodies that contact cannot pull back may fall off
 
 
+@pytest.mark.parametrize("friction", [0.0, 0.4])
+def test_a_body_that_is_pulled_off_has_no_state(friction):
+    """Contact does not pull: proved, not merely not found; pushed it rests on its two feet."""
+    motions = np.array([[1.0], [1.0], [0.0], [0.0]])
+    for force in (-1.0, 1.0):
+        problem = CoulombProblem(np.diag([1.0, 2.0, 1.0, 2.0]), np.zeros(4), np.full(2, friction),
+                                 np.arange(2), False, motions, np.array([force]))
+        found = branching.search_states(problem)
+        assert found.certain and (found.solution is None) == (force < 0)
+    assert found.solution[:2].sum() == pytest.approx(1.0)
+    assert found.solution[0] == pytest.approx(2 * found.solution[1])  # by their compliances
+
+
 def test_branch_and_bound_knows_its_limits(monkeypatch):
     """Too many nodes, or programs, are no proof that there is no solution."""
     problem = random_problem(1, 3, 3)
@@ -92,6 +106,29 @@ def test_descent_by_single_states_leads_to_a_solution():
         assert all(problem.solves(z) for z in found)
         ends, exist = ends + bool(found), exist + has_solution(problem)
     assert 0.7 * exist <= ends <= exist
+
+
+def test_descent_goes_from_less_to_less(monkeypatch):
+    """By several points where one is not enough, each violating the law less than the one before;
+    and no farther than to one beside which nothing violates it less.
+    """
+    visited, honest = [], complementarity._neighbours
+    monkeypatch.setattr(complementarity, "_neighbours",
+                        lambda problem, z: visited.append(z) or honest(problem, z))
+    monkeypatch.setattr(complementarity, "PROMISING", 1)
+    most, given_up = 0, 0
+    for seed in range(5):
+        problem = random_problem(seed, 4, 3, largest=20.0)
+        for start in complementarity.all_alike(problem):
+            visited.clear()
+            found = complementarity.descend(problem, start)
+            off = [problem.violation(z) for z in visited]
+            assert all(after < before for before, after in zip(off, off[1:]))
+            most = max(most, len(visited) if found is not None else 0)
+            if found is None and len(visited) < complementarity.DESCENTS:
+                assert min(map(problem.violation, honest(problem, visited[-1]))) >= off[-1]
+                given_up += 1
+    assert most > 1 and given_up > 0
 
 
 def test_conditions_that_depend_on_one_another_share_a_force_evenly():
@@ -149,10 +186,16 @@ def test_what_is_found_has_the_friction_of_its_slip():
         def law(slip, own=problem.coefficient):
             return own * (1 + 0.5 * np.tanh(np.abs(slip)))
 
-        z = coefficients.consistent(problem, start, law)
+        asked = []
+        z = coefficients.consistent(
+            problem, start, lambda slip, law=law, asked=asked: asked.append(law(slip)) or asked[-1])
         if z is not None:
             slip = problem.movement(z)[problem.n :]
             assert problem.under(problem.load, law(slip)).solves(z)
+            # to the last bit, by which solvers tell what slides from what sticks
+            bound, shear = asked[-1] * z[problem.pair], np.abs(z[problem.n : problem.rows])
+            assert np.array_equal(shear >= bound, np.abs(slip) > 1e-9)
+            assert (shear <= bound).all() and (z[: problem.n] >= 0).all()
             found += 1
     assert found >= 10
 
@@ -172,3 +215,23 @@ def test_the_derivative_is_that_of_the_residual(seed):
     # by the unknowns over their units
     np.testing.assert_allclose(equations.derivative(z), expected * equations.unit,
                                atol=1e-5 * np.abs(expected).max() * equations.unit.max())
+
+
+def test_friction_that_cannot_balance_a_push_is_known_without_a_search():
+    """Bilateral contact with friction whose own pressures are bounded, and a motion along it.
+
+    Whenever the bounds say that there is no solution, trying all states and signs says so.
+    """
+    said, none = 0, 0
+    for seed in range(40):
+        problem = random_problem(seed, 3, 2, True, 0.3)
+        problem.motions[:3, 0] = 0.0  # slides along all contact
+        expected, n = has_solution(problem), problem.n
+        states = States(np.hstack([problem.compliance, problem.motions]), -problem.load[:n],
+                        -problem.load[n:], problem.coefficient, problem.coefficient, np.zeros(n),
+                        problem.motions.T, problem.balance, np.full(n, True),
+                        np.zeros((n, n), bool))
+        share = unbalanced_by_friction(states)
+        assert share <= 1e-6 or not expected, seed
+        said, none = said + (share > 1e-6), none + (not expected)
+    assert 0.5 * none < said

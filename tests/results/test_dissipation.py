@@ -1,10 +1,13 @@
 """Work of friction in time steps of any length, against integrals of s |du_t| by hand."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from driver.contact.states import ContactField as C
 from driver.results.dissipation import Dissipation
+from driver.results.record import Record
 
 F = 0.3
 
@@ -87,3 +90,16 @@ def test_loads_that_stand_from_the_start_press_in_the_first_step_already(solved)
     """The wedge is driven under a load that does not change: as much work in few steps."""
     few, many = (solved("wedge", h=4, steps=steps).summary["dissipated"] for steps in (4, 16))
     assert few == pytest.approx(many, rel=2e-3)  # with half of the first step's: 12 % less
+
+
+def test_the_work_of_a_cycle_counts_for_those_jumped_over_after_it():
+    """Cycles of two steps after one; after the second of them three more are jumped over."""
+    record = object.__new__(Record)
+    record.work, record.repeats, record.cycle_work, record.jumped = [], [], [], 0.0
+    record.cycles = SimpleNamespace(length=2, period=3.0)
+    for k, ends in enumerate((False, False, True, False, True)):
+        record.work.append(np.array([1.0, 10.0]) * (k + 1))
+        record._count(SimpleNamespace(cycle=ends, skips=3 if k == 4 else 0))
+    assert record.cycle_work == [11 * 5, 11 * 9] and record.jumped == 9.0
+    assert record.repeats == [1, 1, 1, 4, 4]
+    np.testing.assert_array_equal(np.sum(record.work, axis=0), [6 + 4 * 9, 60 + 40 * 9])

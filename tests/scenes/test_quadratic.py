@@ -115,6 +115,34 @@ def test_contact_weights_are_integrals_of_the_shape_functions(built):
     np.testing.assert_allclose(contact.arc, contact.xy[:, 0], atol=1e-13)  # in the order of the arc
 
 
+DISC = """include "scene.idp"
+border arc(t=0, 1.5*pi) { x = 2*cos(t); y = 2*sin(t); label = 1; }
+border down(t=0, 1) { x = 0; y = 2*t - 2; label = 2; }
+border out(t=0, 1) { x = 2*t; y = 0; label = 3; }
+body = buildmesh(arc(18) + down(3) + out(3));
+macro young() 1. //
+macro poisson() 0.3 //
+macro support() on(2, u1 = 0., u2 = 0.) //
+macro contact() 1 //
+macro gap() sqrt(x^2 + y^2) - 1.5 //
+include "export.idp"
+"""
+
+
+def test_contact_is_on_the_smooth_curve_through_vertices(built, named_scene):
+    """Where sides are straight: middles are off them by the height of their arc, to an eighth of
+    the square of its angle, all round; normals and gaps are those of the circle.
+    """
+    contact = built(named_scene("disc", DISC), reduce=False, element="P2",
+                    subdomains=1).structure.contact
+    turn, middle = np.pi / 12, contact.middle
+    height = 2 * (1 - np.cos(turn / 2))
+    np.testing.assert_allclose(contact.gap, 0.5, atol=height * turn**2 / 8)
+    assert middle.sum() == 18
+    away = contact.xy / np.linalg.norm(contact.xy, axis=1)[:, None]
+    np.testing.assert_allclose(contact.normal[middle], away[middle], atol=turn**2 / 8)
+
+
 def test_unknown_element_is_refused(command):
     done = command("run", "SCENE=model", "ELEMENT=P3")
     assert done.returncode == 2 and "ELEMENT must be one of P1, P2" in done.stderr

@@ -94,6 +94,18 @@ def test_mortar_jump_of_a_common_motion_is_zero(n, m, degree):
     assert found.weight.min() > 0 and found.weight.sum() == pytest.approx(1.0, rel=1e-13)
 
 
+def test_bodies_that_touch_have_no_gap_by_rounding():
+    """Two sides along y = 0.3 x + 0.7 with other nodes: rounding of coordinates is no distance,
+    a millionth of a millionth is one.
+    """
+    for apart in (0.0, 1e-12):
+        pair = [Side(side.xy @ [[1.0, 0.3], [0.0, 1.0]] + [0.0, 0.7], side.edges,
+                     side.edge_normal @ [[1.0, 0.0], [-0.3, 1.0]] / np.hypot(1.0, 0.3))
+                for side in sides(7, 5, apart)]
+        found = mortar.couple(*pair, free(pair[0]))
+        np.testing.assert_allclose(found.gap, apart / np.hypot(1.0, 0.3), rtol=1e-3)
+
+
 def test_quadratic_multipliers_are_dual_and_positive():
     """Rows of wholly covered edges have their own node alone; 1/6, 4/6, 1/6 of an edge; a linear
     traction is exact.

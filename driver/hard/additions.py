@@ -1,0 +1,77 @@
+"""What some random scenes have beside the rest: a slit, springs, an axis of revolution.
+
+Drawn after all else, by dice of their own: what else a seed draws stays the same.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from .dice import Dice
+from .shapes import with_slit
+
+LIPS = 81  # label of a slit's upper lip, the lower one's is the next
+PLAIN = ("block", "graded block", "quadrilateral")  # outlines with room for a slit
+SLITS, OTHERS = 0.25, 0.08  # shares of the scenes that may have one
+
+
+def add(dice: Dice, scene) -> None:
+    """Change the bodies of `scene`, a writer of the generator, and what it declares."""
+    for make, share in ((_slit, SLITS), (_springs, OTHERS), (_revolve, OTHERS)):
+        if dice.chance(share):
+            make(dice, scene)
+
+
+def _slit(dice: Dice, scene) -> None:
+    """A slit inside one body, whose lips touch one another and share the nodes at its tips.
+
+    They are arcs; the gap beyond their geometry closes it but for what gaps elsewhere have.
+    """
+    bodies = scene.bodies
+    shape = bodies.shapes[0]
+    if len(bodies.shapes) > 1 or bodies.rectangle or shape.name not in PLAIN:
+        return
+    x, y = np.mean(bodies.reach, axis=1)
+    length = dice.number(0.3, 0.6) * float(np.ptp(bodies.reach, axis=1).min())
+    angle, rise = dice.number(-1.0, 1.0), dice.number(0.03, 0.06) * length
+    slit = with_slit(shape, (float(x), float(y)), length, angle, rise, LIPS)
+    scene.bodies = replace(bodies, shapes=(slit,), pairs=((LIPS, LIPS + 1),))
+    start, way = slit.sides[-2].start[0], length * np.cos(angle)
+    along = f"(x - {scene.number(scene.size * start)})/{scene.number(scene.size * way)}"
+    closed = scene.number(8 * scene.size * rise)
+    room = scene.number(scene.far * dice.pick(0.0, 0.0, 0.1, -0.1))
+    scene.say("contactPair()", f"{LIPS}, {LIPS + 1}")
+    scene.say("pairGap()", f"({room} - {closed}*{along}*(1. - {along}))")
+    scene.declared["slit"] = "yes"
+
+
+def _springs(dice: Dice, scene) -> None:
+    """A side that nothing touches or holds rests on springs, along its normal or its tangent too.
+    """
+    bodies = scene.bodies
+    taken = {hold.label for hold in bodies.holds} | set(bodies.contact) | {
+        label for pair in bodies.pairs for label in pair}
+    rest = [side.label for shape in bodies.shapes for side in shape.sides
+            if side.label not in taken]
+    if not rest:
+        return
+    stiffness = scene.modulus / scene.size * dice.pick(1e-4, 1e-2, 1.0, 100.0)
+    scene.say("foundation()", str(dice.pick(*rest)))
+    scene.say("foundationNormal()", scene.number(stiffness))
+    if dice.chance(0.5):
+        scene.say("foundationTangential()", scene.number(stiffness * dice.pick(0.1, 1.0)))
+    scene.declared["springs"] = "yes"
+
+
+def _revolve(dice: Dice, scene) -> None:
+    """The bodies are sections of rings about an axis to their left."""
+    shifts = "obstacles" in scene.declared or scene.declared.get("sliding") == "large"
+    plane = any(name in macro for macro in scene.macros
+                for name in ("planeStress", "pointLoad", "c11", " (x < ", "(x - "))
+    if shifts or plane or scene.bodies.rectangle:
+        return
+    away = dice.pick(0.3, 1.0, 3.0) - scene.bodies.reach[0][0]
+    scene.bodies = replace(scene.bodies, shapes=tuple(
+        shape.shifted(away) for shape in scene.bodies.shapes))
+    scene.macros.insert(0, "macro axisymmetric() 1 //")
+    scene.declared["revolution"] = "yes"

@@ -1,0 +1,300 @@
+"""What budgets, companions and price lists say, and what they do where companions fail."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from driver.errors import InputError, NotConverged
+from driver.estimates import alternatives, budget, energy
+from driver.estimates.bound import Estimate, _root, coupling
+from driver.estimates.budget import Part
+from driver.estimates.levels import Companions, Levels
+from driver.options import Settings
+
+UNITS = {"length": "mm", "stress": "MPa"}
+
+
+# ------------------------------------------------------------------------------ words
+
+@pytest.mark.parametrize("error, value, words", [
+    (None, 3.0, "?"), (0, 3.0, "0"), (1e-9, 0.0, "1e-09"), (1e-6, 1.0, "<0.001 %"),
+    (1e-5, -1.0, "0.001 %"), (0.00234, 1.0, "0.23 %"), (0.0234, -1.0, "2.3 %"),
+    (0.234, 1.0, "23 %"), (2.34, 1.0, "234 %")])
+def test_errors_are_read_as_parts_of_the_value(error, value, words):
+    assert budget.share(error, value) == words
+
+
+def test_the_budget_is_a_table():
+    """A line a quantity, with parts of it by source; those that are zero have no parts."""
+    errors = {"quantities": {
+        "normal_resultant": {"value": 50.0, "mesh": 0.5, "solver": 0.0, "total": 0.5},
+        "slip": {"value": 0.01, "mesh": None, "time": 1e-4, "total": None, "note": "why not"},
+        "tangential_resultant": {"value": 1e-18, "mesh": 1e-19, "total": 1e-19}},
+        "advice": "take more", "notes": ["a note"], "energy": {"reason": "a point load"}}
+    head, force, slip, zero, *rest = budget.describe(errors, UNITS)
+    assert head.split() == ["estimated", "errors", "value", "mesh", "time", "solver", "total"]
+    assert force.split() == ["normal", "resultant", "[N/mm]", "50", "1.0", "%", "0", "1.0", "%"]
+    assert slip.split() == ["slip", "[mm]", "0.01", "?", "1.0", "%", "?", "why", "not"]
+    assert zero.split() == ["tangential", "resultant", "[N/mm]", "about", "0", "within", "1e-19"]
+    assert rest == ["take more", "a note", "no error in the energy norm: a point load"]
+    assert len({len(line) for line in (head, force)}) == 1
+    assert budget.describe({"energy": {}}, UNITS) == []
+
+
+def test_the_error_in_the_energy_norm_in_words():
+    entry = {"kind": "equilibrated", "mesh": 0.1, "solver": 0.0, "friction": 0.02,
+             "correction": 0.01, "total": 0.15, "norm": 1.0, "coupling": 0.03,
+             "excluded": ["curved boundaries"]}
+    first, beside, left = budget.describe_energy(entry)
+    assert "at most 15 % (mesh 10 %, solver 0, friction 2.0 %, correction 1.0 %)" in first
+    assert beside == "beside it in the energy norm: Coulomb's law about 3.0 %"
+    assert left == "not in it: curved boundaries"
+    smoothed = budget.describe_energy({**entry, "kind": "recovery", "coupling": 0.0,
+                                       "time": 0.04, "excluded": []})
+    assert "about 1" in smoothed[0] and smoothed[0].endswith("no bound, by smoothed stresses")
+    assert smoothed[1:] == ["beside it in the energy norm: time steps about 4.0 %"]
+
+
+@pytest.mark.parametrize("parts, words", [
+    ({"mesh": 0.3, "time": 0.1, "total": 0.4, "relative": 0.1},
+     "75 % of the error of the normal resultant is due to the mesh: H=1 would lower it"),
+    ({"mesh": 0.1, "time": 0.3, "total": 0.4, "relative": 0.1},
+     "75 % of the error of the normal resultant is due to the time step: STEPS=9 would lower it"),
+    ({"mesh": 1e-7, "time": 0.0, "total": 1e-7, "relative": 1e-7},
+     "the normal resultant needs nothing finer"),
+    ({"mesh": None, "time": None, "total": None, "relative": None},
+     "the error of the normal resultant from mesh and time step is not known")])
+def test_advice_is_of_the_largest_part(parts, words):
+    remedies = {"mesh": "H=1", "time": "STEPS=9"}
+    assert budget.advice({"displacement": {}, "normal_resultant": parts}, remedies) == words
+
+
+# ------------------------------------------------------------------------------ energy
+
+def test_roots_of_the_bound():
+    """x^2 = sqrt(square) x + gap."""
+    for square, gap in ((4.0, 3.0), (0.0, 9.0), (4.0, 0.0)):
+        x = _root(square, gap)
+        assert x**2 == pytest.approx(np.sqrt(square) * x + gap) and x > 0
+    assert coupling(2.0, 0.5) == 2.0 and coupling(2.0, np.nan) == 0.0
+    assert coupling(2.0, 1.5) == pytest.approx(2.0 * 99)
+
+
+def test_entries_of_the_summary():
+    """The last step, that with most energy, and what the estimate does not say."""
+    one = Estimate(4, mesh=0.25, solver=0.5, friction=0.125, correction=0.0625, total=1.0,
+                   coupling=2.0, norm=4.0)
+    found = energy.report([(None, one), (None, Estimate(2, reason="why"))], "equilibrated",
+                          ["this"])
+    assert found == {"kind": "equilibrated", "step": 4, "mesh": 0.25, "solver": 0.5,
+                     "friction": 0.125, "correction": 0.0625, "total": 1.0, "coupling": 2.0,
+                     "norm": 4.0, "relative": 0.25, "largest": {"step": 2, "reason": "why"},
+                     "excluded": ["this"]}
+    smoothed = energy.report([(None, Estimate(1))], "recovery", ["this"], "a law")
+    assert smoothed["relative"] == 0.0 and smoothed["why"].endswith("no bound: a law")
+    assert energy.report([], "none") == {"kind": "none"}
+
+
+@pytest.mark.parametrize("work, norms, expected", [
+    ({"time": 0.08, "value": 1.0}, (2.0, 1.0), 0.4),
+    ({"time": 0.08, "value": 1.0}, (1.0, 2.0), 0.4),
+    ({"time": 0.08, "value": 3.0}, (2.0, 1.0), None), ({"time": None, "value": 1.0}, (2.0,), None),
+    ({}, (2.0,), None)])
+def test_steps_in_the_energy_norm(work, norms, expected):
+    """Half the square of the difference is what dissipated energies differ by; not beyond what the
+    bodies store.
+    """
+    entry = {"norm": norms[0], **({"largest": {"norm": norms[1]}} if len(norms) > 1 else {})}
+    found = energy.of_time({"dissipated_energy": work} if work else {}, entry)
+    assert found == ({} if expected is None else {"time": pytest.approx(expected)})
+
+
+def test_which_steps_are_estimated():
+    """The last one and that with most energy; not a last one that is unloaded, nor one twice."""
+    of = object.__new__(energy.EnergyEstimator)
+    steps = [SimpleNamespace(index=k) for k in range(4)]
+    of.kind, of.operator = "recovery", SimpleNamespace(comm=SimpleNamespace(bcast=lambda e: e))
+    of._estimate = lambda step, state: step.index
+    for last, largest, expected in ((1.0, 2.0, [3, 1]), (1e-13, 2.0, [1]), (2.0, None, [3])):
+        of.last, of.largest = (last, steps[3], "state"), (largest, steps[1], "state")
+        if largest is None:
+            of.largest = of.last
+        assert [e for _, e in of.estimates()] == expected
+        assert {step.index for step, _ in of.considered} == {3, 3 if largest is None else 1}
+    of.kind = "none"
+    assert of.estimates() == []
+
+
+@pytest.mark.parametrize("bilateral, changes", [
+    ([1, 1, 0, 0, 1, 1], False), ([1, 0, 0, 0, 1, 1], True), ([1, 1, 0, 0, 1, 0], True),
+    ([1, 1, 0, 1, 1, 1], True), ([0, 0, 1, 1, 0, 0], False)])
+def test_whether_bilateral_contact_goes_on_as_unilateral(bilateral, changes):
+    """Along an edge of a rigid obstacle, or on one of the boundaries that meet another body."""
+    of = object.__new__(energy.EnergyEstimator)
+    b = SimpleNamespace(edges=np.array([[0, 1], [1, 9]]), family=np.array([0, 0, 1, 1, 2, 2]),
+                        meeting=["one", "two"])
+    of.contact = SimpleNamespace(boundary=b, law=SimpleNamespace(bilateral=np.array(bilateral) > 0))
+    assert of._changes_kind() == changes
+
+
+# ------------------------------------------------------------------------------ companions
+
+def companions(fails=(), **more) -> Companions:
+    """Those of a run whose quantity errs by 0.1 a mesh and 0.01 a stride; `fails`: meshes."""
+    of = object.__new__(Companions)
+
+    def run(settings, stride=1, plan=None, **mesh):
+        if mesh.get("h") in fails or ("fine" in fails and "sampling" in mesh):
+            raise NotConverged(f"no solution at {mesh}")
+        shorter = 0.5 if plan else 0.0
+        errs = 0.1 * mesh.get("h", 0) + 0.01 * stride
+        return SimpleNamespace(values={"slip": 1 + errs + shorter})
+
+    def problem(**mesh):
+        if "fine" in fails:
+            raise InputError("too many")
+
+    of.levels = SimpleNamespace(run=run, problem=problem, cycles=())
+    of.settings, of.notes, of.values = Settings(), [], {"slip": 1.01}
+    of.base, of.manifest = {"h": 1}, SimpleNamespace(steps=2, element="P1")
+    of.knob, of.jumps = "h", None
+    vars(of).update(more)
+    return of
+
+
+def test_a_companion_that_fails_is_noted_unless_nobody_asked():
+    of = companions(fails=(2,))
+    assert of._values({"h": 2}) is None and of.level({"h": 2}, quiet=True) is None
+    assert of.notes == ["companion H=2: no solution at {'h': 2}"]
+    assert of._values({"h": 1}, 2) == {"slip": pytest.approx(1.12)}
+
+
+def test_more_steps_tell_where_there_are_few():
+    """Four times as many: their distance from the run's, and their own error."""
+    found = companions()._more_time()["slip"]
+    assert found.error > 0.03 and found.error < 0.1
+    for failing in (companions(fails=("fine",)), companions(fails=(1,))):
+        part = failing._more_time()["slip"]
+        assert part.error is None and part.note
+
+
+def test_what_is_zero_but_for_tolerances():
+    """Shear, slip and work beside force and displacement, or beside errors of their own size."""
+    values = {"normal_resultant": 2.0, "displacement": 0.5, "tangential_resultant": 1e-7,
+              "slip": 1e-3, "dissipated_energy": 1e-5, "worn_volume": 1.0}
+    assert budget.vanishing(values) == {"tangential_resultant"}
+    errors = {"slip": 1e-2, "dissipated_energy": 2e-5}
+    assert budget.vanishing(values, errors) == {"tangential_resultant", "dissipated_energy"}
+    assert "slip" in budget.vanishing(values | {"slip": 4e-4}, errors)
+    assert budget.vanishing(values | {"slip": 1e-8}) >= {"slip", "worn_volume"}
+    assert budget.vanishing({"displacement": 1.0}) == set()
+
+
+def test_jumps_half_as_long_tell_what_jumps_leave():
+    of = companions(jumps=[0, 9, 0])
+    of._values = lambda mesh: {"slip": 1.0}
+    found = of._jumps()["slip"]
+    assert found.error is not None and found.error > 0
+
+
+def test_where_tolerances_cannot_be_tightened_residuals_stay():
+    """Tighter QPs with the residuals of the run, where rounding lets no tighter ones be."""
+    of, asked = companions(), []
+
+    def run(settings, stride, plan=None, **mesh):
+        asked.append(settings.primal_rtol)
+        if settings.primal_rtol < 1e-6:
+            raise NotConverged("rounding")
+        return SimpleNamespace(values={"slip": settings.rtol})
+
+    of.levels.run, of.settings = run, Settings(primal_rtol=1e-5)
+    assert of._settled(1, Settings(rtol=1e-9, primal_rtol=1e-8)) == {"slip": 1e-9}
+    assert asked == [1e-8, 1e-5]
+    of.ratios = [2.0]
+    of._values = lambda *_: None
+    found = of._algebraic({}, {"primal_rtol": 1e-8})["slip"]
+    assert found.error is None and "tighter tolerances failed" in found.note
+
+
+def test_a_run_that_failed_is_not_tried_again():
+    levels, tried = object.__new__(Levels), []
+    levels.runs, levels.plan = {}, None
+    levels.problem = lambda **changes: tried.append(changes)
+
+    def failing(*_):
+        raise NotConverged("once")
+
+    levels._run = failing
+    for _ in range(2):
+        with pytest.raises(NotConverged, match="once"):
+            levels.run(Settings(), 2, h=1)
+    assert len(tried) == 1
+    levels._run = lambda *given: given
+    assert levels.run(Settings(), 1, h=1)[2:] == (1, None)
+    assert levels.run(Settings(), 1, [3], h=1)[3] == [3] and len(tried) == 3
+
+
+@pytest.mark.parametrize("sizes, meshes, ratios, note", [
+    ({"h": 1.0}, [{}, {"h": 2.0}, {"h": 4.0}], [2.0, 2.0], ""),
+    ({"cells": 8}, [{}, {"cells": 4}, {"cells": 2}], [2.0, 2.0], ""),
+    ({"cells": 3}, [{}, {"cells": 2}, {"cells": 1}], [1.5, 2.0], ""),
+    ({"cells": 1}, [{}], [], "no coarser mesh than CELLS=1"), ({}, [{}], [], "no parameter")])
+def test_coarser_meshes_as_far_as_there_are_such(sizes, meshes, ratios, note):
+    of = companions()
+    of.knob, of.manifest.parameters = next(iter(sizes), None), sizes
+    assert of._uniform() == (meshes, pytest.approx(ratios))
+    assert note in " ".join(of.notes) and bool(note) == bool(of.notes)
+
+
+def test_meshes_that_are_refused_end_the_sequence():
+    of = companions()
+
+    def problem(**mesh):
+        if mesh["h"] > 2:
+            raise InputError("one line")
+
+    of.levels.problem, of.manifest.parameters = problem, {"h": 1.0}
+    assert of._uniform() == ([{}, {"h": 2.0}], [2.0])
+    assert of.notes == ["companion H=4: one line"]
+
+
+# ------------------------------------------------------------------------------ prices
+
+@pytest.mark.parametrize("entry, knob, reason", [
+    ({"value": 1.0, "total": None}, "h", "is not known"),
+    ({"value": 1e-20, "total": 1e-20}, "h", "is zero but for its error"),
+    ({"value": 1.0, "total": 0.1}, None, "no parameter"),
+    ({"value": 1.0, "total": 0.1}, "h", "could not be predicted: too bad")])
+def test_why_there_are_no_prices(monkeypatch, entry, knob, reason):
+    def predicted(*_):
+        raise NotConverged("too bad")
+
+    monkeypatch.setattr(alternatives, "_predicted", predicted)
+    of = SimpleNamespace(knob=knob)
+    whole = {"slip": entry, "normal_resultant": {"value": 2.0, "total": 0.1},
+             "displacement": {"value": 2.0, "total": 0.1}}
+    found = alternatives.price_list(of, {}, whole, "slip", None, 1.0, 1.0)
+    assert reason in found["reason"] and found["quantity"] == "slip" and found["lines"] == []
+    monkeypatch.setattr(alternatives, "_predicted", lambda *given: list(given[2:4]))
+    of.knob = "h"
+    unnamed = alternatives.price_list(of, {}, whole, "", None, 1.0, 1.0)
+    first = "slip" if reason.startswith(("no", "could")) else "normal_resultant"
+    assert unnamed["quantity"] == first and unnamed["lines"] == [first, whole[first]["value"]]
+
+
+def test_errors_of_coarser_meshes_add_up_to_one_that_failed():
+    """The run's, and the distance from mesh to mesh in the same steps."""
+    of = object.__new__(alternatives.Alternatives)
+    of.name, of.mesh = "slip", Part(0.5)
+    values = {(2.0, 1): 1.25, (4.0, 2): 2.0, (2.0, 2): 1.5}
+
+    def level(mesh, stride=1, **_):
+        value = values.get((mesh.get("h"), stride)) if mesh else 1.0
+        return value and SimpleNamespace(values={"slip": value})
+
+    of.companions = SimpleNamespace(meshes=[{}, {"h": 2.0}, {"h": 4.0}], level=level,
+                                    stride=lambda wanted: wanted)
+    assert of._errors() == pytest.approx([0.5, 0.75, 1.25])
+    del values[4.0, 2]
+    assert of._errors() == pytest.approx([0.5, 0.75])

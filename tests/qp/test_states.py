@@ -1,0 +1,103 @@
+"""States of contact nodes, forces on their bounds, and bodies that first come to rest."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from driver.contact.equilibrium import rigid_equilibrium
+from driver.qp.coulomb import BACKWARD, FORWARD, OPEN, STICK, CoulombProblem
+
+
+@pytest.mark.parametrize("offset", [None, [0.0, 0.5, 0.25, 0.5]])
+def test_forces_come_onto_the_bounds_of_their_states(offset):
+    """Open nodes carry nothing, but for what slides without pressure; sliding ones what friction
+    takes; those that stick what they have.
+    """
+    offset = None if offset is None else np.array(offset)
+    problem = CoulombProblem(np.eye(8), np.zeros(8), np.full(4, 0.5), np.arange(4), offset=offset)
+    # an open node, sliding ones both ways, one that sticks: by forces and movements
+    z = np.array([1e-9, 2, 2, 2, 1e-9, 0.9, -0.9, 0.3])
+    problem.load = z + np.array([-1.0, 0, 0, 0, 0.01, 1, -1, 0])
+    states = problem.states(z)
+    assert states.tolist() == [OPEN, FORWARD, BACKWARD, STICK]
+    more = np.zeros(4) if offset is None else offset
+    np.testing.assert_allclose(problem.on_bounds(z), [
+        0, 2, 2, 2, 0, 1 + more[1], -1 - more[2], 0.3], atol=1e-15)
+    assert z[0] == 1e-9
+    one = CoulombProblem(np.eye(2), np.array([-1.0, 2.0]), np.array([0.5]), np.array([0]),
+                         offset=np.array([0.75]))
+    assert one.states(np.array([0.0, 0.7])).tolist() == [-FORWARD]
+    np.testing.assert_allclose(one.on_bounds(np.array([0.0, 0.7])), [0.0, 0.75])
+
+
+def test_states_of_forces_alone():
+    """Pressing or bilateral nodes touch; what slides is told; open ones may rub by an offset."""
+    problem = CoulombProblem(np.eye(6), np.zeros(6), np.full(2, 0.5), np.array([0, 2]),
+                             np.array([False, False, True, False]))
+    x = np.array([1.0, 0.0, -1.0, 2.0, 0.0, 0.0])
+    assert problem.states_of(x, np.array([0.0, -1.0])).tolist() == [STICK, OPEN, BACKWARD, STICK]
+    x[0] = 0.0
+    assert problem.states_of(x, np.array([1.0, 1.0])).tolist() == [OPEN, OPEN, FORWARD, STICK]
+    rubs = CoulombProblem(np.eye(6), np.zeros(6), np.full(2, 0.5), np.array([0, 2]),
+                          offset=np.array([0.5, 0.0]))
+    assert rubs.states_of(0 * x, np.array([1.0, 1.0])).tolist() == [-FORWARD, OPEN, OPEN, OPEN]
+
+
+# ------------------------------------------------------------------------------ rest
+
+def foot(friction=None, offset=None, **more) -> SimpleNamespace:
+    """Rows of two feet at x = -1 and 1 under a rigid body, gaps 0.1 and 0.3 below them."""
+    node = np.arange(2)
+    return SimpleNamespace(**{
+        "normal": node, "normal_node": node, "gap": np.array([0.1, 0.3]),
+        "pulls": np.zeros(2, bool),
+        "tangential": 2 + node, "tangential_node": node, "idle": None,
+        "coefficient": None if friction is None else np.full(2, friction),
+        "offset": None if offset is None else np.full(2, offset), **more})
+
+
+# displacements of the rows, normals down and tangents along, by a shift down, a turn and a drag
+MOTIONS = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
+
+
+def rest(rows, work, size=None, motions=MOTIONS):
+    work = np.array(work, float)
+    size = np.abs(work) if size is None else np.array(size, float)
+    return rigid_equilibrium(rows, motions, work, size, MPI.COMM_SELF)
+
+
+def test_a_body_falls_until_its_feet_bear_it():
+    """Where its weight is: on both, down by 0.2 and turned by 0.1; beyond a foot it tips over."""
+    np.testing.assert_allclose(rest(foot(0.5), [2.0, 0.5, 0.0]), [0.2, 0.1, 0.0], atol=1e-9)
+    assert rest(foot(0.5), [2.0, 2.5, 0.0]) is None
+    assert rest(foot(0.5), [-2.0, 0.0, 0.0], [2.0, 1, 1]) is None
+    np.testing.assert_allclose(rest(foot(0.5, pulls=np.ones(2, bool)), [-2.0, 0.0, 0.0]),
+                               [0.2, 0.1, 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("friction, offset, drag, holds", [
+    (0.5, None, 0.9, True), (0.5, None, 1.1, False), (None, 0.6, 1.1, True),
+    (None, 0.6, 1.3, False), (0.5, 0.1, 1.1, True), (0.5, 0.1, 1.3, False)])
+def test_friction_holds_a_drag_up_to_its_bound(friction, offset, drag, holds):
+    """F times the weight of 2, with what needs no pressure at two feet."""
+    assert (rest(foot(friction, offset), [2.0, 0.0, drag]) is not None) == holds
+
+
+def test_motions_that_no_load_or_no_contact_knows():
+    assert not rest(foot(0.5), [0.0, 0.0, 0.0]).any()
+    nothing = foot(0.5, normal=np.zeros(0, int), normal_node=np.zeros(0, int), gap=np.zeros(0),
+                   pulls=np.zeros(0, bool), tangential=np.zeros(0, int),
+                   tangential_node=np.zeros(0, int), coefficient=np.zeros(0))
+    assert rest(nothing, [1.0, 0.0, 0.0]) is None
+    np.testing.assert_array_equal(rest(nothing, [0.0, 0.0, 0.0], [1.0, 0, 0]), 0.0)
+    aside = MOTIONS.copy()
+    aside[:, 2] = 0.0
+    assert rest(foot(0.5), [2.0, 0.0, 0.1], motions=aside) is None  # nothing resists the drag
+    np.testing.assert_allclose(rest(foot(0.5), [2.0, 0.0, 0.0], [2.0, 0, 1], aside),
+                               [0.2, 0.1, 0.0], atol=1e-9)
+    idle = foot(0.5, idle=np.array([1, 3]))
+    assert rest(idle, [2.0, 0.0, 0.0], [2.0, 1, 1]) is None  # a single foot at -1
+    np.testing.assert_allclose(rest(idle, [2.0, -2.0, 0.0])[0] - rest(idle, [2.0, -2.0, 0.0])[1],
+                               0.1, atol=1e-9)

@@ -1,0 +1,99 @@
+"""Displacements, slips and tractions of contact nodes, at nodes made by hand."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from driver.contact.states import ContactField as C
+from driver.results.contact_state import MOVED, WORN, ContactState
+
+
+def nodes(rng, n=3) -> SimpleNamespace:
+    """Contact nodes that each meet the mean of two places of another body."""
+    angle = rng.uniform(0, 2 * np.pi, n)
+    normal = np.column_stack([np.cos(angle), np.sin(angle)])
+    return SimpleNamespace(
+        gid=np.arange(n), weight=rng.uniform(1, 2, n), normal=normal,
+        tangent=np.column_stack([-normal[:, 1], normal[:, 0]]), following=None,
+        tangential_row=np.arange(n), columns={"wear": rng.uniform(1, 2, n)},
+        term_node=np.repeat(np.arange(n), 3), term_value=np.tile([1.0, -0.5, -0.5], n),
+        way=lambda before, now: 0.3 * (now - before) * np.ones(n))
+
+
+def made(rng, worn=False) -> ContactState:
+    """The state of such nodes in a scene with two patterns of travel."""
+    b = nodes(rng)
+    n, k = len(b.gid), 3 * len(b.gid)
+    of = object.__new__(ContactState)
+    of.boundary, of.frictional = b, True
+    of.operator = SimpleNamespace(comm=MPI.COMM_SELF,
+                                  structure=SimpleNamespace(contact=SimpleNamespace(gid=b.gid)))
+    of.rows = SimpleNamespace(normal=np.arange(n), normal_node=np.arange(n),
+                              tangential=np.arange(n, 2 * n), tangential_node=np.arange(n))
+    of.solver = SimpleNamespace(initial=rng.random(n), initial_weights=np.array([0.5, 0.0]),
+                                cycles=None)
+    of._travel, of._term, of._nodal = rng.random((2, n, 2)), np.arange(k), lambda moved: moved
+    of._weights, of._time, of._before = None, 0.0, None
+    of.worn = np.zeros(n) if worn else None
+    of.law = SimpleNamespace(friction_bound=lambda force: 0.4 * force)
+    return of
+
+
+def step(time, multipliers, weights, **more) -> SimpleNamespace:
+    n = len(multipliers) // 2
+    return SimpleNamespace(**{"index": 1, "time": time, "multipliers": multipliers,
+                              "weights": weights, "cycle": False, "skips": 0, "grown": (),
+                              "friction_bound": np.full(n, 9.0), "status": np.arange(n), **more})
+
+
+def test_slips_add_up_to_the_way_over_the_obstacle():
+    """Deformation and travel of the body, less the way of what it slides on; from where it was at
+    the start. Tractions are forces over lengths, compression negative.
+    """
+    rng = np.random.default_rng(5)
+    of = made(rng, worn=True)
+    b, slid, worn = of.boundary, 0.0, 0.0
+    for time in (0.5, 1.0, 2.0):
+        moved, weights, forces = rng.random((9, 2)), rng.random(2), rng.uniform(-1, 1, 6)
+        found = of.evaluate(step(time, forces, weights), moved)
+        jump = moved[::3] - (moved[1::3] + moved[2::3]) / 2
+        whole = jump + np.einsum("k,kni->ni", weights, of._travel)
+        np.testing.assert_allclose(found[C.U_N], (whole * b.normal).sum(axis=1), rtol=1e-12)
+        np.testing.assert_allclose(found[C.U_T], (whole * b.tangent).sum(axis=1), rtol=1e-12)
+        np.testing.assert_allclose(found[C.SIGMA_N] * b.weight, -forces[:3], rtol=1e-12)
+        np.testing.assert_allclose(found[C.SIGMA_T] * b.weight, -forces[3:], rtol=1e-12)
+        np.testing.assert_allclose(found[C.BOUND] * b.weight, 9.0, rtol=1e-12)
+        slid = slid + found[C.SLIP]
+        worn = worn + (b.columns["wear"] * np.abs(found[C.SLIP])
+                       * np.maximum(-found[C.SIGMA_N], 0.0))
+        np.testing.assert_allclose(found["wear"], worn, rtol=1e-12)
+    np.testing.assert_allclose(slid, found[C.U_T] - of.solver.initial - 0.3 * 2.0, rtol=1e-12)
+
+
+def test_a_node_without_a_tangential_row_has_a_bound_and_no_wear():
+    """A support holds it along the boundary: friction bound by its pressure."""
+    of = made(np.random.default_rng(6), worn=True)
+    b = of.boundary
+    b.tangential_row[1] = -1
+    of.rows.tangential, of.rows.tangential_node = np.array([3, 5]), np.array([0, 2])
+    found = of.evaluate(step(1.0, np.arange(1.0, 7.0), np.zeros(2), friction_bound=np.full(2, 9.0)),
+                        np.zeros((9, 2)))
+    np.testing.assert_allclose(found[C.BOUND] * b.weight, [9, 0.4 * 2, 9])
+    assert found["wear"][1] == 0.0 and (found["wear"][[0, 2]] > 0).all()
+    assert found[C.SIGMA_T][1] == 0.0
+
+
+@pytest.mark.parametrize("skips", [0, 3])
+def test_what_has_grown_in_a_cycle_grows_as_much_in_each_that_is_jumped_over(skips):
+    """What has not grown stays; the next cycle begins from there."""
+    of = object.__new__(ContactState)
+    of._begun = {MOVED: np.array([1.0, 2.0]), WORN: np.array([0.5, 0.5])}
+    of._elastic, of.worn = np.array([1.5, 1.0]), np.array([0.75, 0.5])
+    of._cycle_ends(SimpleNamespace(skips=skips, grown=(WORN, "of no node")))
+    np.testing.assert_allclose(of._elastic, [1.5, 1.0])
+    np.testing.assert_allclose(of.worn, [0.75 + 0.25 * skips, 0.5])
+    assert of._begun[WORN] is of.worn and of._begun[MOVED] is of._elastic
+    of._cycle_ends(SimpleNamespace(skips=skips, grown=(MOVED,)))
+    np.testing.assert_allclose(of._elastic, [1.5, 1.0])

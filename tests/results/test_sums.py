@@ -1,0 +1,232 @@
+"""Sums, means and shares of what subdomains and nodes have, on a few triangles made by hand."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from driver.contact.states import OPEN, SLIP, STICK, ContactField
+from driver.results import outline, probes, quantities, shares
+from driver.results.boundaries import _one_boundary
+from driver.results.ledger import shares as seconds_of
+from driver.results.nodal_means import NodalMeans
+from driver.results.resultants import resultants
+from driver.results.touch import Touch
+from driver.scene import elements
+
+XY = np.array([[0.0, 0], [1, 0], [2, 0], [0, 1], [1, 1.5], [2, 1]])
+TRIANGLES = np.array([[0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4]])
+
+
+def torn():
+    """Node numbers, places and triangles of two subdomains that share an edge, and a third body."""
+    gid = np.array([0, 1, 3, 4, 1, 2, 4, 5, 7, 8, 9])
+    xy = np.concatenate([XY[[0, 1, 3, 4, 1, 2, 4, 5]], XY[:3] + [5.0, 0.0]])
+    xy[10] += [0.0, 1.0]
+    return gid, xy, np.array([[0, 1, 3], [0, 3, 2], [4, 5, 7], [4, 7, 6], [8, 9, 10]])
+
+
+def test_means_at_nodes_go_over_subdomains_and_not_over_bodies():
+    """Weighted with areas; in the middle of a side the mean of its ends."""
+    gid, xy, triangles = torn()
+    means = NodalMeans(MPI.COMM_SELF, gid, xy, triangles)
+    values = np.random.default_rng(1).random((5, 3, 2))
+    found, area = means(values), elements.areas(xy[triangles])
+    for node in range(len(gid)):
+        here = [(t, k) for t in range(5) for k in range(3) if gid[triangles[t, k]] == gid[node]]
+        mean = sum(area[t] * values[t, k] for t, k in here) / sum(area[t] for t, _ in here)
+        np.testing.assert_allclose(found[node], mean, rtol=1e-13)
+    assert means.bodies().tolist() == [0, 0, 0, 0, 1]
+    corner = xy[triangles[-1:]]
+    middles = (corner[0, [1, 2, 0]] + corner[0, [2, 0, 1]]) / 2
+    six = NodalMeans(MPI.COMM_SELF, np.arange(6), np.concatenate([corner[0], middles]),
+                     np.arange(6)[None])
+    np.testing.assert_allclose(six(values[-1:])[3:],
+                               (values[-1, [1, 2, 0]] + values[-1, [2, 0, 1]]) / 2)
+
+
+def test_bodies_are_numbered_by_their_smallest_nodes():
+    gid, xy, triangles = torn()
+    means = NodalMeans(MPI.COMM_SELF, 9 - gid, xy, triangles)
+    assert means.bodies().tolist() == [1, 1, 1, 1, 0]
+
+
+def test_loads_reactions_and_contact_balance():
+    """Nodal forces of a block, K u = f + reaction + contact: sums by component, sizes their
+    absolute values; between bodies contact cancels.
+    """
+    rng = np.random.default_rng(2)
+    n, fixed = 4, np.array([0, 1, 3])
+    load, inner = rng.standard_normal((2, 2 * n)), rng.standard_normal(2 * n)
+    sub = SimpleNamespace(loads=load, dof_component=np.tile([0, 1], n),
+                          springs=rng.random((n, 3)))
+    held = rng.standard_normal(3)
+    b = SimpleNamespace(paired=np.array([False, True]), weight=np.array([2.0, 3.0]),
+                        normal=np.array([[0.6, -0.8], [0, 1.0]]),
+                        tangent=np.array([[0.8, 0.6], [-1.0, 0]]))
+    operator = SimpleNamespace(
+        acting=[0], comm=MPI.COMM_SELF, forces_on_supports=lambda multipliers: [held],
+        structure=SimpleNamespace(subdomains=[sub], fixed=[fixed], patterns=2,
+                                  contact=SimpleNamespace(declared=b)))
+    u = rng.standard_normal(2 * n)
+    state = {ContactField.SIGMA_N: np.array([-1.5, -9.0]),
+             ContactField.SIGMA_T: np.array([0.25, 9.0])}
+    found, size = resultants(operator, SimpleNamespace(weights=np.array([0.5, -2.0]),
+                                                       multipliers=None), [u], [inner], state)
+    whole = 0.5 * load[0] - 2 * load[1]
+    react = np.zeros(2 * n)
+    react[fixed] = (inner - whole)[fixed] + held
+    xx, xy, yy = sub.springs.T
+    x, y = u[::2], u[1::2]
+    sprung = -np.column_stack([xx * x + xy * y, xy * x + yy * y])
+    contact = 2.0 * (-1.5 * b.normal[0] + 0.25 * b.tangent[0])
+    np.testing.assert_allclose(found["load"], whole.reshape(-1, 2).sum(axis=0))
+    np.testing.assert_allclose(found["reaction"], react.reshape(-1, 2).sum(axis=0)
+                               + sprung.sum(axis=0))
+    np.testing.assert_allclose(found["contact"], contact)
+    np.testing.assert_allclose(size, np.abs(whole).reshape(-1, 2).sum(axis=0)
+                               + np.abs(react).reshape(-1, 2).sum(axis=0)
+                               + np.abs(sprung).sum(axis=0) + np.abs(contact))
+
+
+@pytest.mark.parametrize("revolved, quadratic", [(False, False), (True, False), (True, True)])
+def test_a_node_where_labels_meet_is_shared_as_its_segment_is(revolved, quadratic):
+    """Lengths of both edges, or what the rings of their functions have in it."""
+    place = np.array([[1.0, 0.0], [2.0, 0.0], [5.0, 0.0]])
+    b = SimpleNamespace(gid=np.array([4, 2, 7]), xy=place, label=np.array([1, 1, 3]),
+                        edges=np.array([[0, 1], [2, 1], [1, -1]]), axisymmetric=revolved,
+                        clamped=SimpleNamespace(gid=np.zeros(0, int), xy=np.zeros((0, 2))))
+    structure = SimpleNamespace(
+        contact=SimpleNamespace(declared=b), outer_middles=np.arange(2 * quadratic),
+        outer_edges=np.array([[9, 4, 6], [4, 2, 1], [2, 7, 3]]))
+    labels, parts = shares.label_shares(structure)
+    first = {(False, False): 1 / 4, (True, False): (2 * 2 + 1) / (2 * 2 + 1 + 3 * (2 * 2 + 5)),
+             (True, True): 1 / 4}[revolved, quadratic]
+    assert labels.tolist() == [1, 3]
+    np.testing.assert_allclose(parts, [[1, first, 0], [0, 1 - first, 1]])
+
+
+def test_forces_of_a_boundary_follow_its_normals_where_they_change():
+    """Of a label in the nodes it shares; the same as with given normals where these stay."""
+    rng = np.random.default_rng(3)
+    x = np.arange(4.0)
+    angle = rng.uniform(0, 6, 4)
+    normal = np.column_stack([np.cos(angle), np.sin(angle)])
+    b = SimpleNamespace(xy=np.column_stack([x, 0 * x]), arc=x, chain=np.zeros(4, int),
+                        weight=np.ones(4), length=np.ones(4), gap=np.zeros(4),
+                        paired=np.zeros(4, bool), middle=np.zeros(4, bool), normal=normal,
+                        tangent=np.column_stack([-normal[:, 1], normal[:, 0]]))
+    states = {ContactField.SIGMA_N: -rng.random((2, 4)), ContactField.SIGMA_T: rng.random((2, 4)),
+              ContactField.SLIP: np.ones((2, 4)), ContactField.U_N: np.zeros((2, 4)),
+              ContactField.STATUS: np.full((2, 4), SLIP), "work": np.ones((2, 4))}
+    share = np.array([1.0, 1.0, 0.25, 0.0])
+    still = _one_boundary(b, states, 3, share, None)
+    moving = _one_boundary(b, states, 3, share, [normal, normal])
+    np.testing.assert_allclose(moving, still, rtol=1e-12)
+    p, t = -states[ContactField.SIGMA_N], states[ContactField.SIGMA_T]
+    for k, row in enumerate(still):
+        label, normal_force, shear, fx, fy, _, _, slip, work = row
+        force = (share * t[k]) @ b.tangent - (share * p[k]) @ normal
+        assert (label, normal_force, shear) == pytest.approx((3, p[k] @ share, t[k] @ share))
+        assert (fx, fy) == pytest.approx(tuple(force))
+        assert slip == k + 1 and work == pytest.approx(2.25 * (k + 1))
+
+
+def test_where_the_peak_and_the_farthest_node_are():
+    """Neighbours of the peak belong to it while they touch; slip counts in contact, up to a step.
+    """
+    x = np.arange(5.0)
+    nodes = {"arc": x, "xy": np.column_stack([x, 0 * x]), "chain": np.array([0, 0, 0, 0, 1])}
+    steps = {"sigma_n": -np.array([[0, 1, 3, 5, 9.0], [0, 1, 9, 5, 2]]),
+             "status": np.array([[OPEN, SLIP, STICK, SLIP, SLIP], [OPEN, SLIP, SLIP, OPEN, SLIP]]),
+             "slip": np.array([[9, 1, 9, 2, -3.0], [9, -4, 1, 9, 1]])}
+    assert quantities.peak_nodes(nodes, steps, 0).tolist() == [4]
+    assert quantities.peak_nodes(nodes, steps, 1).tolist() == [1, 2]
+    assert quantities.farthest_node(steps, 0) == 4 and quantities.farthest_node(steps, 1) == 1
+    repeated = steps | {quantities.REPEATS: np.array([[5.0] * 5, [1.0] * 5])}
+    assert quantities.farthest_node(repeated, 1) == 4
+
+
+def test_how_nodes_touch():
+    """All slide one way, or not; what is open carries and counts nothing."""
+    x = np.arange(4.0)
+    nodes = {"arc": x, "xy": np.column_stack([x, 0 * x]), "chain": np.zeros(4, int),
+             "weight": np.array([1.0, 2, 2, 1]), "gap": np.zeros(4), "paired": np.zeros(4, bool),
+             "middle": np.zeros(4, bool), "mirrored": np.zeros(4, bool)}
+    steps = {"status": np.array([[SLIP, SLIP, SLIP, OPEN]]), "slip": np.ones((1, 4)),
+             "sigma_t": np.array([[1.0, 1, 1, 0]]), "sigma_n": -np.array([[4.0, 2, 0.1, 0]]),
+             "u_n": np.zeros((1, 4))}
+    touch = Touch.of(nodes, steps, 0, 2)
+    assert (touch.nodes, touch.round, touch.dragged) == (3, 2, True)
+    mean = (4 * 1 + 2 * 2 + 0.1 * 2) / 5
+    assert touch.lighter(0.05) == 0.0 and touch.lighter(0.11 / mean) == 2.0
+    assert touch.lighter(2.1 / mean) == 4.0 and Touch().lighter(1.0) == 0.0
+    for name, values in (("sigma_t", [[1.0, -1, 1, 0]]), ("status", [[SLIP, STICK, SLIP, OPEN]])):
+        assert not Touch.of(nodes, steps | {name: np.array(values)}, 0, 2).dragged
+
+
+def test_seconds_are_shared_by_the_products_that_were_caused():
+    """Of 10 products 4 in the last step; 3 in iterations after the first, 2 that bounds call for.
+    """
+    log = [(0, 1, 1, "start", 1.0), (4, 1, 1, "cg", 0.1), (5, 1, 2, "expansion", 0.1),
+           (6, 1, 2, "cg", 0.1), (6, 2, 1, "start", 0.1), (9, 2, 1, "cg", 0.1),
+           (10, 2, 2, "proportioning", 0.1)]
+    found = seconds_of(log, 5.0)
+    assert found == pytest.approx({"contact": 1.0, "friction": 1.5, "history": 3.0})
+    assert seconds_of([], 5.0) == {"contact": 0.0, "friction": 0.0, "history": 0.0}
+
+
+# ------------------------------------------------------------------------------ places, tractions
+
+def test_places_in_triangles_with_curved_sides():
+    """Newton's method finds the coordinates that a place was made of; straight ones at once."""
+    corner = np.array([[0.0, 0.0], [2.0, 0.0], [0.5, 1.5]])
+    middles = (corner[[1, 2, 0]] + corner[[2, 0, 1]]) / 2 + [[0.1, 0.05], [-0.05, 0.1], [0, -0.1]]
+    curved = np.concatenate([corner, middles])[None]
+    parts = np.array([0.2, 0.5, 0.3])
+    place = elements.shapes(6, parts[None])[0] @ curved[0]
+    straight = np.linalg.solve(np.vstack([corner.T, np.ones(3)]), [*place, 1.0])
+    found = probes._on_curved(curved, place, straight[None])
+    np.testing.assert_allclose(found[0], parts, atol=1e-12)
+    far = np.array([[-3.0, 2.0, 2.0]])
+    np.testing.assert_array_equal(probes._on_curved(curved, place, far), far)
+    sub = SimpleNamespace(xy=XY, triangles=TRIANGLES, curved=False)
+    depth, triangle, at = probes._nearest(sub, np.array([1.2, 0.9]))
+    np.testing.assert_allclose(at @ XY[TRIANGLES[triangle]], [1.2, 0.9], rtol=1e-13)
+    assert triangle == 3 and depth == pytest.approx(at.min())
+    depth, triangle, _ = probes._nearest(sub, np.array([2.5, 0.5]))
+    assert triangle == 2 and depth == pytest.approx(-0.5)
+
+
+def test_tractions_of_the_outline_are_those_of_its_forces():
+    """Means over a label; along a curve pressure and shear turn with it, a constant pull does not.
+    """
+    angle = np.linspace(0, np.pi, 13)
+    place = np.column_stack([np.cos(angle), np.sin(angle)])
+    along = np.diff(place, axis=0)
+    size = np.linalg.norm(along, axis=1)
+    outward = np.column_stack([along[:, 1], -along[:, 0]]) / size[:, None]
+    edges = np.column_stack([np.arange(12), np.arange(1, 13), np.full(12, 4)])
+    turned = np.column_stack([-outward[:, 1], outward[:, 0]])
+    for exact in (-3 * outward + turned, np.tile([2.0, -1.0], (12, 1))):
+        push = np.zeros((13, 2))
+        for end in (0, 1):
+            np.add.at(push, edges[:, end], exact * size[:, None] / 2)
+        found = outline._edge_tractions(edges, np.zeros(0, int), place, push, False)
+        np.testing.assert_allclose(found, exact, rtol=2e-2)
+    assert not outline._edge_tractions(edges, np.zeros(0, int), place, 0 * push, False).any()
+
+
+@pytest.mark.parametrize("quadratic", [False, True])
+def test_integrals_of_an_edges_shape_functions(quadratic):
+    """Over its length, and over rings between two radii."""
+    at = (np.arange(1000) + 0.5) / 1000
+    phi = np.array([1 - at, at])
+    if quadratic:
+        phi = np.array([(1 - at) * (1 - 2 * at), at * (2 * at - 1), 4 * at * (1 - at)])
+    np.testing.assert_allclose(outline._shape_integrals(None, quadratic), phi.mean(axis=1),
+                               atol=1e-6)
+    radii = np.array([[1.0, 3.0], [0.0, 2.0]])
+    rings = np.array([(phi * (2 * np.pi * (a + at * (b - a)))).mean(axis=1) for a, b in radii])
+    np.testing.assert_allclose(outline._shape_integrals(radii, quadratic), rings, atol=1e-4)

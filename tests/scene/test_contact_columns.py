@@ -1,0 +1,124 @@
+"""Numbers that an export has of its contact nodes, against functions evaluated at their places."""
+
+import numpy as np
+import pytest
+
+# a quadrilateral whose lower side, two labels, is uneven; its obstacle is a round one
+SCENE = """include "scene.idp"
+units("m", "Pa");
+subdomains("1");
+int[int] sides = [5, 2, 3, 4];
+body = square(6, 2, [x + 0.3*x^2, y + 0.2*x*(1 - y)], label = sides);
+body = change(body, flabel = (label == 5 && x > 0.55 ? 8 : label));
+quasistatic(2.);
+macro young() 1. //
+macro poisson() 0.3 //
+macro support() on(3, u1 = 0., u2 = 0.) //
+macro contact() 5, 8 //
+macro friction() (0.1 + x*y) //
+MORE
+include "export.idp"
+"""
+MOTION = """real turn = 0.2;
+macro obstacle(x, y) (sqrt((x - 0.6)^2 + (y + 4.)^2) - 3.5) //
+macro obstacleX(t) (label == 5 ? 0.05*sin(3*t) : 0.02*t^3) //
+macro obstacleY(t) (-0.1*t) //
+macro obstacleAngle(t) (turn*t^2) //
+macro obstaclePivot() [0.6, -3.5] //
+"""
+
+
+@pytest.fixture(scope="module")
+def contact(built, named_scene):
+    """contact(name, more, **options): the contact boundary of the scene with `more`."""
+    def get(name: str, more: str, **options):
+        text = SCENE.replace("MORE", more)
+        return built(named_scene(name, text), reduce=False, steps=4, **options).structure.contact
+    return get
+
+
+def own(b):
+    """Nodes of one label alone, for which means are values at the node."""
+    ends = np.isclose(b.xy[:, 0], b.xy[:, 0].min()) | np.isclose(b.xy[:, 0], b.xy[:, 0].max())
+    middle = np.abs(b.xy[:, 0] - 0.55) < 0.15  # where the labels meet
+    return ~ends & ~middle
+
+
+def test_columns_are_values_at_the_nodes(contact):
+    """Weights the halves of both edges, with linear elements; normals those of the edges."""
+    b = contact("plain", "macro gap() (0.01 + x^2) //\nmacro cohesion() (3. + x) //")
+    x, y = b.xy.T
+    np.testing.assert_allclose(b.columns["friction"], 0.1 + x * y, rtol=1e-12)
+    np.testing.assert_allclose(b.gap, 0.01 + x**2, rtol=1e-12)
+    np.testing.assert_allclose(b.columns["cohesion"], 3 + x, rtol=1e-12)
+    size = np.linalg.norm(np.diff(b.xy, axis=0), axis=1)
+    np.testing.assert_allclose(b.weight, (np.r_[size, 0] + np.r_[0, size]) / 2, rtol=1e-12)
+    chord = np.diff(b.xy, axis=0)
+    force = np.column_stack([chord[:, 1], -chord[:, 0]]) / 2
+    total = np.vstack([force, [[0, 0]]]) + np.vstack([[[0, 0]], force])
+    np.testing.assert_allclose(b.normal, total / np.linalg.norm(total, axis=1)[:, None],
+                               atol=1e-12)
+    assert (b.label[x < 0.5] == 5).all() and (b.label[x > 0.7] == 8).all()
+
+
+def test_where_a_moving_obstacle_stands_at_every_time(contact):
+    """Its function where its motion has taken it, slopes by the same, shifts and turns by label."""
+    b = contact("moving", MOTION)
+    here = own(b)
+    x, y = b.xy[here].T
+    step = 1e-5
+    for k, t in enumerate(np.linspace(0, 2, 5)):
+        shift = np.where(b.label[here] == 5, 0.05 * np.sin(3 * t), 0.02 * t**3), -0.1 * t
+        angle = 0.2 * t**2
+        cos, sin = np.cos(angle), np.sin(angle)
+
+        def phi(x, y, shift=shift, cos=cos, sin=sin):
+            away = x - 0.6 - shift[0], y + 3.5 - shift[1]
+            back = 0.6 + cos * away[0] + sin * away[1], -3.5 - sin * away[0] + cos * away[1]
+            return np.sqrt((back[0] - 0.6) ** 2 + (back[1] + 4) ** 2) - 3.5
+
+        found = {name: b.columns[f"{name}@{k}"][here] for name in (
+            "obstacle_x", "obstacle_y", "obstacle_angle", "phi", "phi_x", "phi_y")}
+        np.testing.assert_allclose(found["obstacle_x"], shift[0], atol=1e-12)
+        np.testing.assert_allclose(found["obstacle_y"], shift[1], atol=1e-12)
+        np.testing.assert_allclose(found["obstacle_angle"], angle, atol=1e-12)
+        np.testing.assert_allclose(found["phi"], phi(x, y), atol=1e-12)
+        for name, (dx, dy) in (("phi_x", (step, 0)), ("phi_y", (0, step))):
+            slope = (phi(x + dx, y + dy) - phi(x - dx, y - dy)) / (2 * step)
+            np.testing.assert_allclose(found[name], slope, atol=1e-8)
+    for name, value in (("pivot_x", 0.6), ("pivot_y", -3.5)):
+        np.testing.assert_allclose(b.columns[name][here], value, rtol=1e-12)
+
+
+def test_what_steps_miss_of_a_motion(contact):
+    """Its largest departure from lines between them, of eight places a step, and when."""
+    b = contact("moving", MOTION)
+    here = own(b)
+    fine, times = np.linspace(0, 2, 33), np.linspace(0, 2, 5)
+    for name, paths in (("obstacle_x", {5: lambda t: 0.05 * np.sin(3 * t),
+                                        8: lambda t: 0.02 * t**3}),
+                        ("obstacle_angle", dict.fromkeys((5, 8), lambda t: 0.2 * t**2)),
+                        ("obstacle_y", dict.fromkeys((5, 8), lambda t: -0.1 * t))):
+        for label, path in paths.items():
+            away = np.abs(path(fine) - np.interp(fine, times, path(times)))
+            nodes = here & (b.label == label)
+            np.testing.assert_allclose(b.columns[f"{name}_missed"][nodes], away.max(), atol=1e-12)
+            when = b.columns[f"{name}_missed_at"][nodes]
+            if away.max() > 1e-12:
+                np.testing.assert_allclose(np.interp(when, fine, away), away.max(), rtol=1e-9)
+
+
+@pytest.mark.parametrize("still", ["gapInTime(t) (0.1*t + x)",
+                                   "obstacleInTime(x, y, t) (y + 0.1*t + 0.3*x)"])
+def test_surfaces_given_at_every_time(contact, still):
+    b = contact(still[:9], f"macro {still} //")
+    x, y = b.xy.T
+    for k, t in enumerate(np.linspace(0, 2, 5)):
+        if "gap" in still:
+            np.testing.assert_allclose(b.columns[f"gap_in_time@{k}"], 0.1 * t + x, atol=1e-12)
+        else:
+            np.testing.assert_allclose(b.columns[f"phi@{k}"], y + 0.1 * t + 0.3 * x, atol=1e-12)
+            np.testing.assert_allclose(b.columns[f"phi_x@{k}"], 0.3, atol=1e-9)
+    if "obstacle" in still:  # a flat one that shifts: the normal is its own, to the body
+        np.testing.assert_allclose(b.normal, np.tile([-0.3, -1.0] / np.hypot(0.3, 1), (len(x), 1)),
+                                   atol=1e-9)
