@@ -13,6 +13,7 @@ fail are left out.
 import json
 import os
 import resource
+import sys
 from collections import defaultdict
 from pathlib import Path
 
@@ -155,8 +156,17 @@ def _fixture(fixturedef) -> str:
     return f"fixture {fixturedef.baseid} {fixturedef.argname}"
 
 
+def _forget() -> None:
+    """What the solver has remembered for all times, so that all tests that need it execute it."""
+    for name in [name for name in sys.modules if name.startswith("driver.")]:
+        for remembered in vars(sys.modules[name]).values():
+            if hasattr(remembered, "cache_clear"):
+                remembered.cache_clear()
+
+
 @pytest.hookimpl(hookwrapper=True)
 def pytest_runtest_protocol(item, nextitem):
+    _forget()
     contexts.tests.append(item.nodeid)
     contexts.enter(item.nodeid)
     for fixturedefs in item._fixtureinfo.name2fixturedefs.values():

@@ -26,7 +26,7 @@ def alike(force: np.ndarray, normals: np.ndarray, F: np.ndarray, c: np.ndarray,
                     for a, b in _lines(own, turn, F * signs, c)]
         for q in [middle, *on_lines, *_crossings(own, turn, F * signs, c)]:
             p = own - turn @ q
-            away = np.linalg.norm(p - P) + np.linalg.norm(q - Q)
+            away = np.linalg.norm([p - P, q - Q])
             if _fits(p, q, signs, F, c, slight) and away < least - slight:
                 best, least = _within(p, q, signs, F, c), away
     return best

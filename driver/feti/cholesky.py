@@ -108,7 +108,7 @@ def _in_order(K, order: np.ndarray, inner: int, added: np.ndarray):
         factor = _factorized(_lower(K, _places(K, order), inner, roots), added)
         places = _permutation(factor, len(order))
         if np.array_equal(places[inner:], last):
-            break
+            break  # the last rows are where they were
     return factor, places
 
 

@@ -291,7 +291,7 @@ class FixedPoint:
             start = problem.whole(self.condensation.gather(x))
             solution, solver = globalization.solve_condensed(problem, start)
             if not self.slip.effects.coefficient_changes:
-                break
+                break  # friction is what it is
             if solution is not None:
                 return self._with_own_slip(problem, solution), solver
             self.slip.renew_coefficient(np.zeros_like(gradient))

@@ -108,6 +108,10 @@ class FrictionQP:
         """What a product F x rounds off, in the same scale: 3 x, whose digits differ, shows it."""
         return self.size(self.operator.apply(x) - self.operator.apply(3 * x) / 3)
 
+    def hides(self, x: np.ndarray) -> bool:
+        """Whether what a product with the forces x rounds off is beyond the tolerance of a step."""
+        return self.rounded(x) > self.settings.rtol * self.scales.d
+
     def extent(self, elastic: np.ndarray, rigid: np.ndarray, before: np.ndarray,
                moved: np.ndarray, given: bool = False) -> float:
         """Norm of the displacements that multipliers have to overcome, in MPRGP's scale.

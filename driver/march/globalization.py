@@ -4,9 +4,9 @@
 2. The contact rows alone, condensed: semismooth Newton from the last iterate, and where that does
    not settle Lemke's method, which finds a solution for any friction coefficient. It may fail for
    bodies without support and contact that pulls: then branch and bound over all states, which
-   may prove that there is no solution, friction that grows from less, and states that violate the
-   law less and less. Where slip changes friction, a solution with given coefficients is the start
-   for that with those of its own slip.
+   may prove that there is no solution, friction that grows from less, states that violate the law
+   less and less, and one mixed-integer program for all states. Where slip changes friction, a
+   solution with given coefficients is the start for that with those of its own slip.
 
 Smaller steps are not among them: a time step has a solution whatever its size.
 """
@@ -19,6 +19,7 @@ from ..qp import complementarity
 from ..qp.branching import MOST_NODES, search_states
 from ..qp.continuation import with_growing_friction
 from ..qp.coulomb import CoulombProblem
+from ..qp.integer import solution_within_limits
 
 ANDERSON = "Anderson acceleration"
 NEWTON = "Newton on the condensed contact rows"
@@ -74,7 +75,8 @@ def solve_condensed(problem: CoulombProblem, start: np.ndarray) -> tuple[np.ndar
         z = with_growing_friction(problem, start)
         if z is not None:
             return z, CONTINUATION
-    return _descended(problem, start), SEARCH
+    z = _descended(problem, start)
+    return solution_within_limits(problem) if z is None else z, SEARCH
 
 
 def _newton_from_all_alike(problem: CoulombProblem) -> np.ndarray | None:

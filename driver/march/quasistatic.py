@@ -63,8 +63,7 @@ class QuasistaticSolver:
         self.history.counts["dual_multiplications_setup"] = operator.products
         own = 0.0 if self.rows.bound_is_given else float(self.rows.coefficient.max(initial=0))
         self.largest_friction = operator.comm.allreduce(own, op=MPI.MAX)
-        self.uniqueness = Uniqueness(self.largest_friction > 0)
-        self.doubtful = False
+        self.uniqueness, self.doubtful = Uniqueness(self.largest_friction > 0), False
         self.loads = [self._size(index) for index in range(1, len(times))]
         # of the last step and of the one before: rigid motions (modes,), multipliers (owned,)
         self.motion = self.older_motion = np.zeros(operator.modes)
@@ -76,8 +75,7 @@ class QuasistaticSolver:
             cycles.join(self)
 
     def _attach(self, bound: float | None = None) -> None:
-        """Make what solves steps with the operator's contact rows; `bound` as FrictionQP takes it.
-        """
+        """Make what solves steps with the operator's rows; `bound` as FrictionQP takes it."""
         operator = self.operator
         self.contact = operator.structure.contact
         self.law = self.effects.contact_law(self.contact)
@@ -166,8 +164,8 @@ class QuasistaticSolver:
     def _ends(self, step: Step) -> None:
         """What the next step starts from is what `step` ends in; it is counted."""
         self.multipliers, self.older = step.multipliers, self.multipliers
-        patterns = self.operator.structure.patterns
-        self.motion, self.older_motion = step.weights[patterns :], self.motion
+        self.older_motion = self.motion
+        self.motion = step.weights[self.operator.structure.patterns :]
         slip = self.slip.advance(step.multipliers, step.gradient, step.weights, self.scales)
         self.effects.step_ends(self.rows.tangential_node, slip,
                                step.multipliers[self.rows.pair])
@@ -291,14 +289,13 @@ class QuasistaticSolver:
         What the QP and the fixed point stop at is relative to displacements that may be far larger
         than those of the solution (without gluing the body would hang on its corners); so both are
         tightened until the residuals of the solution itself are below `primal_rtol`, the imbalance
-        of free bodies below `friction_rtol`; where that has no effect any more the condensed
-        problem is tried. Raises Unfinished where they stay larger. Where stiffness jumps, what a
-        bound of rounding admits will do if all this leads no further.
+        of free bodies below `friction_rtol`; where that fails the condensed problem is tried. Where
+        stiffness jumps what a bound of rounding admits will do if that fails. Raises Unfinished.
         """
         op, qp, settings, best, stop = self.operator, self.qp, self.settings, np.inf, None
-        find, rounded = self.corners.find, None
+        find, rounded, again = self.corners.find, None, False
         of_qp = of_friction = 1.0  # parts of the tolerances
-        motion = load.weights[op.structure.patterns :].copy()
+        motion, first = load.weights[op.structure.patterns :].copy(), (x, gradient, sliding)
         if self.largest_friction:
             of_qp = of_friction = outlook.foresight(self.loads, index)
         while True:
@@ -307,15 +304,16 @@ class QuasistaticSolver:
                 x, gradient, sliding = find(index, load, x, gradient, sliding, trace,
                                             max(of_friction * settings.friction_rtol, ROUNDED))
             except Unfinished as failed:
-                # bodies without loads may stay where the step starts, or where they were drawn
-                for place in (motion, np.zeros(op.modes)) if op.modes else (motion,):
+                # bodies without loads may stay where the step starts, or were drawn
+                for place in (motion, np.zeros(op.modes))[: 1 + (op.modes > 0)]:
                     free = self.residuals.free_of_forces(load, failed.x, place)
                     if free is not None:
                         return free
                 if rounded is not None:
                     return self._back(load, *rounded)
                 settles = op.modes > 0 and self.bodies.imbalance(load, failed.x) <= NEARLY
-                if failed.final or of_qp == 1.0 and not settles:
+                again = find != self.fixed_point.condensed and qp.hides(failed.x)
+                if failed.final or of_qp == 1.0 and not (settles or again):
                     raise
                 x, gradient, stop = failed.x, failed.gradient, failed.error  # it may do
                 sliding = self.rows.sliding(x, self.rows.friction_bound(x))
@@ -342,6 +340,11 @@ class QuasistaticSolver:
                     rounded = place, (x, gradient, moved, likely)
             if rounded is not None and (idle or stop or self.rows.corners is not None):
                 return self._back(load, *rounded)
+            if stop and again:  # friction that jams hides the loads in its forces' rounding
+                x, gradient, sliding = self._back(load, motion, first)
+                find, best, stop = self.fixed_point.condensed, np.inf, None
+                of_qp = of_friction = 1.0
+                continue
             if isinstance(stop, NoSolution):
                 raise Unfinished(stop, x, gradient)
             if stop or idle and of_qp <= LAST_PART and of_friction <= LAST_FRICTION:
@@ -358,7 +361,7 @@ class QuasistaticSolver:
                 of_friction *= tighter
 
     def _back(self, load: Load, motion: np.ndarray, state: tuple) -> tuple:
-        """The `state` that was good enough, with bodies moved by `motion` (modes,)."""
+        """A `state` from before, with bodies moved by `motion` (modes,)."""
         self.bodies.shift(load, motion - load.weights[self.operator.structure.patterns :])
         self.slip.renew_coefficient(state[1])
         return state

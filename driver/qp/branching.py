@@ -19,7 +19,7 @@ from scipy.sparse import csc_matrix
 
 from ..environment import PLAIN_PROGRAM, silenced
 from .complementarity import BRIEFLY, newton
-from .coulomb import CoulombProblem
+from .coulomb import SLIGHT, CoulombProblem
 
 MOST_NODES = 60  # contact nodes up to which states are searched
 PROGRAMS = 200  # linear programs in a search, at most
@@ -48,15 +48,21 @@ def search_states(problem: CoulombProblem) -> Search:
     return _Search(problem).run()
 
 
-class _Search:
-    """One search; unknowns over their sizes: forces, and motions by reach."""
+class Scaled:
+    """A problem whose unknowns are over their sizes: forces of like size, and motions by reach.
+
+    `rows` of over, slip, lambda_t -+ F lambda_n and equilibrium; `given` movement (n + m,) by the
+    load, `offset` (m,) and `work` (k,) in the same units. Motions are those beyond what the springs
+    make of the load, which may be far more than bodies deform by.
+    """
 
     def __init__(self, problem: CoulombProblem):
         self.problem = problem
         n, m, k = problem.n, problem.m, problem.k
-        C, R = problem.compliance, problem.motions / problem.reach
+        C, load = _elastic(problem)
+        R = problem.motions / problem.reach
         soft = np.diag(C).max()
-        way = max(np.abs(problem.load).max(initial=0.0),
+        way = max(np.abs(load).max(initial=0.0),
                   soft * np.abs(problem.balance / problem.reach).max(initial=0.0)) or 1.0
         self.force, self.way = way / soft, way
         unit = np.sqrt(soft / np.diag(C))  # stiff rows: large forces, small ways
@@ -69,12 +75,52 @@ class _Search:
         # over, slip, lambda_t - F lambda_n, lambda_t + F lambda_n, equilibrium
         self.rows = csc_matrix(np.vstack([moved, np.hstack([-pick, along, nothing]),
                                           np.hstack([pick, along, nothing]), balance]))
-        self.given = problem.load * unit / way
+        self.given = load * unit / way
         offset = np.zeros(m) if problem.offset is None else problem.offset
         self.offset = offset / unit[n:] / self.force
         self.work = problem.balance / problem.reach / self.force
-        self.rubs = (problem.coefficient > 0) | (offset > 0)
-        self.signed = np.zeros(n, bool)  # whether the sign of the force decides on friction
+        self.cone_matrix = pick
+
+    def exact(self, x: np.ndarray) -> np.ndarray:
+        """z of the problem by the unknowns x."""
+        problem = self.problem
+        forces = x[: problem.rows] * self.unit * self.force
+        moved = self.rows[: problem.rows] @ x + self.given
+        away = moved * self.way / self.unit - problem.movement(problem.whole(forces))
+        return np.append(forces, np.linalg.lstsq(
+            problem.motions / problem.reach, away, rcond=None)[0] / problem.reach)
+
+
+def _elastic(problem: CoulombProblem) -> tuple[np.ndarray, np.ndarray]:
+    """Compliance (n + m, n + m) and load (n + m,) with springs like the bodies in stiffness.
+
+    Forces in equilibrium move rows by the same but for a rigid motion: by P (d - C x_0) - P C P x
+    with P = 1 - Q Q', Q an orthonormal basis of the motions R, and x_0 any forces with R'x_0 = L.
+    """
+    C, load = problem.compliance, problem.load
+    if not problem.k:
+        return C, load
+    R = problem.motions / problem.reach
+    Q, sizes, basis = np.linalg.svd(R, full_matrices=False)
+    kept = sizes > SLIGHT * sizes[0]
+    Q = Q[:, kept]
+    forces = Q @ ((basis[kept] @ (problem.balance / problem.reach)) / sizes[kept])
+
+    def bent(columns):
+        return columns - Q @ (Q.T @ columns)
+
+    own = bent(bent(C).T)
+    soft = np.median(np.diag(own))
+    return own + soft * Q @ Q.T, bent(load - C @ forces) + soft * forces
+
+
+class _Search(Scaled):
+    """One search."""
+
+    def __init__(self, problem: CoulombProblem):
+        super().__init__(problem)
+        self.rubs = (problem.coefficient > 0) | (self.offset > 0)
+        self.signed = np.zeros(problem.n, bool)  # whether the sign of the force decides on friction
         self.signed[problem.pair] = problem.coefficient > 0
 
     def run(self) -> Search:
@@ -102,10 +148,7 @@ class _Search:
 
     def _exact(self, x: np.ndarray) -> np.ndarray | None:
         """The solution that Newton's method comes to from the point of a linear program."""
-        problem = self.problem
-        z = np.concatenate([x[: problem.rows] * self.unit * self.force,
-                            x[problem.rows :] * self.way / problem.reach])
-        return newton(problem, z, BRIEFLY)
+        return newton(self.problem, self.exact(x), BRIEFLY)
 
     def _limits(self, contact: np.ndarray, rub: np.ndarray):
         """Lower and upper limits of the rows and of the unknowns."""
@@ -164,7 +207,7 @@ class _Search:
         normal, along = x[:n], x[n : problem.rows]
         over, slip = moved[:n], moved[n:]
         pulls, pair = problem.bilateral, problem.pair
-        bound = self.offset + self._cone(np.abs(normal))
+        bound = self.offset + self.cone_matrix @ np.abs(normal)
         # of contact that pulls the bound is known with the sign of the force
         excess, missed = np.zeros(n), np.abs(along) - bound
         excess[pair] = np.where((rub == FORTH) | (rub == BACK), np.abs(missed), missed)
@@ -183,9 +226,3 @@ class _Search:
         row = int(wrong.argmax())
         ways = (BACK, STICKS, FORTH) if slip[row] > 0 else (FORTH, STICKS, BACK)
         return [(contact, np.where(np.arange(len(rub)) == row, state, rub)) for state in ways]
-
-    def _cone(self, normal: np.ndarray) -> np.ndarray:
-        """(m,) friction coefficients times forces (n,), in the units of the programs."""
-        n, problem = self.problem.n, self.problem
-        unit = self.unit[problem.pair] / self.unit[n:]
-        return problem.coefficient * unit * normal[problem.pair]

@@ -86,7 +86,7 @@ def consistent(problem: CoulombProblem, z: np.ndarray,
     for _ in range(STEPS):
         size = np.linalg.norm(z / equations.unit)
         if np.linalg.norm(left) <= EXACT * size:
-            break
+            break  # to rounding
         step = equations.unit * np.linalg.lstsq(equations.derivative(z), -left, rcond=WEAK)[0]
         for _ in range(HALVINGS):
             near = equations.residual(z + step)

@@ -74,7 +74,7 @@ def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
         near = piece[(np.abs(piece - top) <= 1) & closed[piece]]
         if top in piece and len(near):
             apart = float(np.abs(way[near] - way[top]).max())
-            apart *= min(1.0, FEW / max(1, np.count_nonzero(way[piece])))
+            apart *= min(1.0, FEW / max(1, np.count_nonzero(sliding[:, piece].any(axis=0))))
     share = min(1.0, FEW / max(1, np.count_nonzero(closed)))
     ends = EDGE * share * float(np.linalg.norm(edges))
     return {"contact_length": max(clamped, ends), "slip": apart}

@@ -1,6 +1,7 @@
 """The contact boundary of nodes made by hand: their order, what supports take, what is added."""
 
 import re
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 
 from driver.contact.beside import beside
 from driver.contact.boundary import ContactBoundary, FoundNodes
-from driver.contact.chains import chains
+from driver.contact.chains import Chains, chains
 from driver.contact.corner_pairs import corner_pairs
 from driver.contact.curve import through
 from driver.contact.following import Following, Outline, Plane
@@ -259,3 +260,30 @@ def test_conditions_that_depend_at_a_vertex():
     assert not len(vertex([[0, -1]]))
     with pytest.raises(InputError, match=r"contact at \(1, 1\): more than two conditions"):
         vertex([[0, -1], [1, 0], [0, 1]])
+
+
+@pytest.mark.parametrize("curved", [False, True])
+def test_middles_of_edges_on_the_axis_have_no_condition(curved):
+    """Their displacement counts in those of the ends, whose conditions are of several nodes; with
+    curved sides weights are the export's. Gaps are means likewise.
+    """
+    r = np.array([0.0, 0.5, 1.0, 1.5, 2.0])
+    n, gap = len(r), np.array([5.0, 4.0, 3.0, 2.0, 1.0])
+    nodes = SimpleNamespace(
+        gid=np.arange(n), label=np.ones(n, int), family=np.zeros(n, int),
+        xy=np.column_stack([r, 0 * r]), weight=10.0 + r, length=np.full(n, 0.5),
+        normal=np.tile([0.0, -1.0], (n, 1)), columns={}, meeting=[])
+    along = Chains(r, np.zeros(n, int), np.arange(n), np.array([[0, 2], [2, 4]]), np.array([1, 3]))
+    found_ = FoundNodes(nodes, along, (np.zeros(0, int), np.zeros((0, 1))),
+                        np.array([False, True] * 2 + [False]), True, curved)
+    b = found_.boundary(gap.copy(), None, None)
+    assert b.gid.tolist() == [0, 2, 3, 4] and b.middle.tolist() == [False, False, True, False]
+    if curved:
+        np.testing.assert_array_equal(b.weight, [10, 11, 11.5, 12])
+    else:
+        assert b.weight.sum() == pytest.approx(np.pi * 4)
+    sums = np.bincount(b.term_node, b.term_value)
+    np.testing.assert_allclose(sums, 1.0)  # what is uniform passes
+    np.testing.assert_allclose(b.gap, np.bincount(b.term_node, b.term_value * gap[b.term_gid]))
+    assert b.coupled.tolist() == [True, True, False, False]
+    assert not replace(b, axisymmetric=False).coupled.any()

@@ -48,3 +48,44 @@ def test_more_than_two_directions_are_refused():
     rows = [(k, 0, 1.0, np.cos(a), np.sin(a), 0, 0) for k, a in enumerate(angles)]
     with pytest.raises(InputError, match="more than two directions"):
         merge_parts(np.array(rows), [], [])
+
+
+def corner(label, gid, normal, weight=1.0, gap=0.0, place=(0.0, 0.0)):
+    """A part of the dual segment at a vertex."""
+    size = np.hypot(*normal)
+    return (label, gid, weight, *(weight * c / size for c in normal), weight * gap, *place)
+
+
+def test_pairs_that_go_on_in_one_another_are_one_boundary():
+    """Where first labels share a vertex without a corner; others stay apart, in their order."""
+    rows = [corner(1, 0, (0, 1)), corner(1, 1, (0, 1)), corner(2, 1, (0.1, 1)),
+            corner(2, 2, (0.1, 1)), corner(3, 2, (1, 0.1)), corner(3, 3, (1, 0.1)),
+            corner(4, 9, (0, 1)), corner(5, 8, (0, 1)), corner(5, 3, (1, 0.2))]
+    pairs = [(4, 40), (1, 10), (2, 20), (3, 30), (5, 50)]
+    nodes = merge_parts(np.array(rows), ["gap"], pairs)
+    assert nodes.meeting == [[(4, 40)], [(1, 10), (2, 20)], [(3, 30), (5, 50)]]
+    family = {int(gid): int(of) for gid, of in zip(nodes.gid, nodes.family) if gid not in (2,)}
+    assert family == {0: 2, 1: 2, 3: 3, 8: 3, 9: 1}
+    assert sorted(nodes.family[nodes.gid == 2]) == [2, 3]
+    assert merge_parts(np.array(rows), ["gap"], []).meeting == []
+
+
+def test_a_node_is_the_sum_of_its_parts():
+    """Weights add up, normals and columns are means; of curved sides weights count along the
+    normal.
+    """
+    rows = np.array([corner(7, 5, (0, -1), 1.0, 2.0, (3, 4)),
+                     corner(7, 5, (0.28, -0.96), 3.0, 6.0, (3, 4))])
+    nodes = merge_parts(rows, ["gap"], [])
+    assert nodes.weight.tolist() == [4.0] and nodes.length.tolist() == [4.0]
+    np.testing.assert_allclose(nodes.columns["gap"], [5.0])
+    total = np.array([0.84, -1 - 2.88])
+    np.testing.assert_allclose(nodes.normal, [total / np.linalg.norm(total)])
+    assert nodes.xy.tolist() == [[3, 4]] and nodes.members == {(7, 5): [0]}
+    curved = merge_parts(rows, ["gap"], [], curved=True)
+    np.testing.assert_allclose(curved.weight, [np.linalg.norm(total)])
+    assert curved.length.tolist() == [4.0]
+    apart = np.array([corner(7, 5, (0, -1), 1.0, 2.0), corner(7, 5, (1, 0), 3.0, 6.0)])
+    assert len(merge_parts(apart, ["gap"], []).gid) == 2
+    one = merge_parts(apart, ["gap"], [], one_a_vertex=True)
+    assert len(one.gid) == 1 and one.columns["gap"].tolist() == [5.0]

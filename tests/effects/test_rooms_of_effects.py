@@ -185,9 +185,9 @@ def test_tangents_of_a_power_law_are_its_slopes(m):
     """
     nodes, force = np.arange(3), np.array([6.0, 0.5, 2.0])
     room, _ = room_of(compliance_exponent, ["normal_compliance"], {
-        "normal_compliance": [3.0, 2.0, 0.0], "compliance_exponent": [m, m, 0.0]}, [2.0, 0.5, 1.0])
+        "normal_compliance": [3.0, 0.2, 0.0], "compliance_exponent": [m, m, 0.0]}, [2.0, 0.5, 1.0])
     z = room.closure(nodes, force, None)
-    np.testing.assert_allclose(z, [(6 / 2 / 3) ** (1 / m), (0.5 / 0.5 / 2) ** (1 / m), 0.0])
+    np.testing.assert_allclose(z, [(6 / 2 / 3) ** (1 / m), (0.5 / 0.5 / 0.2) ** (1 / m), 0.0])
     assert room.reach(nodes, force, z) == pytest.approx(z.max())
     slope, offset = room.tangent(nodes, force, z, None, z.max())
     np.testing.assert_allclose(offset + slope * force, z, rtol=1e-12)
@@ -197,7 +197,7 @@ def test_tangents_of_a_power_law_are_its_slopes(m):
     # about the closure at hand where the law is smooth in it, about the force where it is not
     about = 0.25 * z
     slope, offset = room.tangent(nodes, force, about, None, z.max())
-    c, weight = np.array([3.0, 2.0]), np.array([2.0, 0.5])
+    c, weight = np.array([3.0, 0.2]), np.array([2.0, 0.5])
     at = np.where(m < 1, z, about)[:2]
     np.testing.assert_allclose(offset[:2] + slope[:2] * weight * c * at**m, at, rtol=1e-12)
     # without a closure that of the force; without either a slope at a part of the largest

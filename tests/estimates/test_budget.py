@@ -441,3 +441,19 @@ def test_estimates_are_optional_and_named_on_the_screen(command, tmp_path):
     assert "estimated errors" not in command(*words, "ERRORS=no").stdout
     assert "errors" not in json.loads((tmp_path / "out" / "summary.json").read_text())
     assert command(*words, "ERRORS=maybe").returncode == 2
+
+
+def test_two_levels_at_a_place_that_may_be_singular_agree_or_say_nothing():
+    """Which they do by chance as well: to a hundred-thousandth of the value."""
+    assert part([1.0, 1.0 + 0.9e-5], singular=True).error > 0
+    assert part([1.0, 1.0 + 1.1e-5], singular=True).error is None
+    assert part([1.0, 1.5]).error > 0
+
+
+@pytest.mark.parametrize("ratio, pair", [(2.0, 1.0), (3.0, 1.0), (3.0, 2.0), (1.5, 1.0)])
+def test_two_levels_err_as_their_order_says(ratio, pair):
+    """A power of h: what it lacks of its limit is its change over r^p - 1, with caution."""
+    h = np.array([0.1, 0.1 * ratio])
+    found = part(3.0 + 0.7 * h**pair, (ratio,), pair=pair)
+    assert found.error == pytest.approx(budget.PAIR * 0.7 * 0.1**pair)
+    assert found.order is None

@@ -4,7 +4,9 @@ changes.
 
 import pytest
 
+from driver.errors import NotConverged
 from driver.march.fixed_point import FixedPoint
+from driver.march.step import Unfinished
 from driver.march.step import Load
 from driver.qp import complementarity
 
@@ -74,4 +76,22 @@ def test_slip_of_a_free_body_is_found_with_its_own_friction(built, steps_of, nam
     problem = built(scene=named_scene("disc", DISC), element="P2")
     solver, steps = steps_of(problem, rtol=1e-10, friction_rtol=1e-8)
     assert solver.failure is None
+    assert max(steps[-1].residuals.values()) <= 1e-6
+
+
+def test_forces_that_hide_the_loads_are_no_start(built, steps_of, named_scene, monkeypatch):
+    """Friction that jams lets forces balance at any size: the step begins once more without them.
+    """
+    calls = []
+
+    def astray(self, index, load, x, gradient, sliding, trace, rtol):
+        calls.append(rtol)
+        if len(calls) > 1:
+            raise Unfinished(NotConverged("lost in rounding"), calls[0], None)
+        calls[0] = 1e6 * (1.0 + x)
+        return calls[0], None, sliding
+
+    monkeypatch.setattr(FixedPoint, "find", astray)
+    solver, steps = steps_of(built(scene=named_scene("disc", DISC), element="P2"), rtol=1e-10)
+    assert solver.failure is None and len(calls) == 2
     assert max(steps[-1].residuals.values()) <= 1e-6

@@ -7,6 +7,7 @@ import pytest
 from mpi4py import MPI
 
 from driver.contact.equilibrium import rigid_equilibrium
+from driver.qp.complementarity import _lemke_pivots
 from driver.qp.coulomb import BACKWARD, FORWARD, OPEN, STICK, CoulombProblem
 
 
@@ -101,3 +102,21 @@ def test_motions_that_no_load_or_no_contact_knows():
     assert rest(idle, [2.0, 0.0, 0.0], [2.0, 1, 1]) is None  # a single foot at -1
     np.testing.assert_allclose(rest(idle, [2.0, -2.0, 0.0])[0] - rest(idle, [2.0, -2.0, 0.0])[1],
                                0.1, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_pivots_solve_complementarity_whatever_covers(seed):
+    """z >= 0, M z + q >= 0, one of them zero, for positive definite M: one solution; none needed
+    where q is not negative; a ray where there is none.
+    """
+    rng = np.random.default_rng(seed)
+    root = rng.standard_normal((7, 9))
+    M, q, found = root @ root.T, rng.standard_normal(7), []
+    for cover in (np.ones(7), rng.uniform(0.05, 5.0, 7), rng.uniform(0.05, 5.0, 7)):
+        z = _lemke_pivots(M, q, cover)
+        w = M @ z + q
+        assert z.min() >= 0 and w.min() >= -1e-9 and abs(z @ w) < 1e-9
+        found.append(z)
+    np.testing.assert_allclose(found[1:], [found[0]] * 2, atol=1e-9)
+    assert not _lemke_pivots(M, np.abs(q), np.ones(7)).any()
+    assert _lemke_pivots(-np.eye(2), np.array([-1.0, -2.0]), np.ones(2)) is None

@@ -3,14 +3,17 @@
 import re
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import meshio
 import numpy as np
 import pytest
 
 from driver import environment
+from driver.contact.states import ContactField
 from driver.files import read_fields, read_table
 from driver.results import outline
+from driver.results.contact_lines import ContactLines
 
 
 @pytest.fixture(scope="module", params=["P1", "P2"])
@@ -81,6 +84,27 @@ def test_a_uniform_stress_is_the_same_everywhere(solved):
         assert 0.1 < nu < 0.5
         np.testing.assert_allclose(stress, np.tile(expected, (len(stress), 1)),
                                    atol=1e-8 * pressure)
+
+
+def test_openings_of_contact_lines(tmp_path):
+    """What displacements against a gap, and what is worn off, leave of it."""
+    n = 3
+    b = SimpleNamespace(gid=np.arange(n), xy=np.column_stack([np.arange(3.0), np.zeros(n)]),
+                        gap=np.array([0.5, 1.0, 2.0]), normal=np.tile([0.0, -1.0], (n, 1)),
+                        label=np.ones(n), motion=None)
+    (tmp_path / "fields").mkdir()
+    lines = ContactLines(tmp_path, None, False)
+    lines.structure = SimpleNamespace(contact=SimpleNamespace(declared=SimpleNamespace(
+        at=lambda time: b)))
+    lines.lines = np.array([[0, 1], [1, 2]])
+    state = {ContactField.U_N: np.array([0.25, 0.5, 4.0]), "wear": np.array([0.0, 0.0, 2.0])}
+    for field in (ContactField.SIGMA_N, ContactField.SIGMA_T, ContactField.SLIP,
+                  ContactField.STATUS):
+        state[field] = np.zeros(n)
+    lines.write(1, 0.0, np.zeros((n, 2)), state)
+    data = meshio.read(tmp_path / "fields/contact_0001.vtu")
+    assert data.point_data["opening"].tolist() == [0.25, 0.5, 0.0]
+    assert data.point_data["wear"].tolist() == [0.0, 0.0, 2.0]
 
 
 def test_contact_lines_hold_what_contact_csv_says(wedge):

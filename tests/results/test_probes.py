@@ -62,6 +62,9 @@ def test_uniform_tension_is_reproduced_at_any_place(block, element):
     assert force["label5"] == pytest.approx([4, 0], abs=1e-9)
     assert force["label12"] == pytest.approx([-4, 0], abs=1e-6)
     assert force["label7"] == pytest.approx([0, 0], abs=1e-6)
+    corner = {"P1": 1 / 2, "P2": 1 / 6}[element]  # of a side of the length 1/2 that is pulled by 2
+    assert force["point3"] == pytest.approx([-corner, 0], abs=1e-6)
+    assert force["point2"] == pytest.approx([0, 0], abs=1e-6)
     assert run.summary["probes"][0]["probe"] == "label5"
 
 

@@ -66,6 +66,8 @@ def test_what_nodes_leave_open():
     nodes, steps = line(x, x >= 0, np.array([1.0, 1, 1, 1, 1, 1, 0.25]), 0 * x)
     found = touch.between_nodes(nodes, steps, 0)["contact_length"]
     assert found == pytest.approx(touch.EDGE * 0.75 * touch.FEW / 7)
+    nodes, steps = line(x, x >= 0, np.array([4.0, 4, 4, 4, 4, 4, 1.0]), 0 * x)  # in another unit
+    assert touch.between_nodes(nodes, steps, 0)["contact_length"] == pytest.approx(found)
     nodes["mirrored"][-1] = True  # pressure goes on beyond the plane of symmetry
     assert touch.between_nodes(nodes, steps, 0)["contact_length"] == 0.0
 
@@ -88,6 +90,52 @@ def test_what_touches_nowhere_is_apart():
     assert touch.Touch.of(nodes, steps, 0, 0).apart == pytest.approx(1.0)
     nodes, steps = line(x, x >= 0, 1 + 0 * x, 0 * x)
     assert touch.Touch.of(nodes, steps, 0, 0).apart == np.inf
+
+
+def test_many_nodes_leave_less_open():
+    """The place of an edge, and how far slip may be elsewhere, fall with the number of nodes beyond
+    FEW; below it they are what they are.
+    """
+    for count in (touch.FEW - 2, touch.FEW, 2 * touch.FEW):
+        x = np.arange(count + 1.0)
+        closed = x < count
+        slip = np.where(closed, x, 0.0)
+        slip[count - 1] = count + 3.0
+        nodes, steps = line(x, closed, 1.0 * closed, 1.0 * ~closed, slip=slip,
+                            status=np.where(closed, SLIP, OPEN))
+        found = touch.between_nodes(nodes, steps, 0)
+        share = min(1.0, touch.FEW / count)
+        assert found["contact_length"] == pytest.approx(touch.EDGE * share)
+        assert found["slip"] == pytest.approx(5.0 * share)
+
+
+def test_edges_to_clamped_nodes_count_where_their_end_touches():
+    """At either end of the boundary, half of the edge beyond; not where the end is open, whatever
+    the node before it does."""
+    x = np.arange(12.0)
+    for closed, lost in ((x >= 0, 0.3 + 0.2), (x < 11, 0.3), (x > 0, 0.2), ((x > 0) & (x < 11), 0)):
+        nodes, steps = line(x, closed, 1.0 * closed, 1.0 * ~closed)
+        nodes["weight"][0] += 0.3
+        nodes["weight"][-1] += 0.2
+        ends = touch.EDGE * touch.FEW / closed.sum() * np.sqrt((~closed).sum())
+        found = touch.between_nodes(nodes, steps, 0)["contact_length"]
+        assert found == pytest.approx(max(lost, ends))
+
+
+def test_pressure_that_pulls_at_an_end_is_none():
+    """Bilateral contact: contact may end anywhere in the last edge, and no farther."""
+    x = np.arange(5.0)
+    nodes, steps = line(x, x >= 0, np.array([1.0, 1, 1, 1, -3]), 0 * x)
+    assert touch.between_nodes(nodes, steps, 0)["contact_length"] == pytest.approx(touch.EDGE)
+
+
+def test_friction_that_drags_is_summed_by_forces():
+    """A long segment with little shear is a large force: 0.9 of all is one way, or is not."""
+    x = np.array([0.0, 1.0, 11.0, 12.0])
+    for shear, dragged in ((-0.2, True), (-1.0, False)):
+        nodes, steps = line(x, x >= 0, 1 + 0 * x, 0 * x, status=np.full(4, SLIP),
+                            sigma_t=np.array([shear, 1.0, 1.0, shear]))
+        assert touch.Touch.of(nodes, steps, 0, 0).dragged == dragged
 
 
 def test_contact_that_is_dragged_along():
@@ -144,6 +192,21 @@ def test_contact_length_and_peak_lie_between_nodes(shift):
         # the parabola through three points of p0 (1 - (x/a)^2/2 - (x/a)^4/8): fourth order
         assert abs(found["peak_pressure"] / P0 - 1) < (h / A) ** 4
         assert found["normal_resultant"] == pytest.approx(np.pi * A * P0 / 2, rel=(h / A) ** 1.5)
+
+
+@pytest.mark.parametrize("scale", [1.0, 7.0])
+def test_a_single_open_node_leaves_the_edge_to_the_pressure(scale):
+    """Which vanishes like the root of the distance: 0.3 beyond the last node that touches, at
+    either end of the boundary; half of the edge where a single node presses.
+    """
+    x = np.arange(6.0)
+    pressure = scale * np.sqrt(np.maximum(4.3 - x, 0.0))
+    for end in (1, -1):
+        nodes, steps = line(x, (x < 5)[::end], pressure[::end], 1.0 * (x == 5)[::end])
+        length = q.contact_length(nodes, q.chains(nodes), steps, 0)
+        assert length == pytest.approx(4.3)
+    nodes, steps = line(x[:2], np.array([True, False]), np.array([scale, 0]), np.array([0, 1.0]))
+    assert q.contact_length(nodes, q.chains(nodes), steps, 0) == pytest.approx(0.5)
 
 
 def test_a_peak_is_that_of_a_parabola_unless_contact_ends_beside_it():

@@ -7,13 +7,13 @@ import pytest
 from mpi4py import MPI
 
 from driver.contact.states import OPEN, SLIP, STICK, ContactField
-from driver.results import outline, probes, quantities, shares
+from driver.results import outline, probes, quantities, screen, shares, summary, tables
 from driver.results.boundaries import _one_boundary
 from driver.results.ledger import shares as seconds_of
 from driver.results.nodal_means import NodalMeans
 from driver.results.resultants import resultants
-from driver.results.touch import Touch
-from driver.scene import elements
+from driver.results.touch import Touch, between_nodes
+from driver.scene import elements, sides
 
 XY = np.array([[0.0, 0], [1, 0], [2, 0], [0, 1], [1, 1.5], [2, 1]])
 TRIANGLES = np.array([[0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4]])
@@ -199,6 +199,21 @@ def test_places_in_triangles_with_curved_sides():
     assert triangle == 2 and depth == pytest.approx(-0.5)
 
 
+def test_rings_of_curved_edges_are_those_of_straight_ones_where_they_are_straight():
+    """Integrals of the shape functions times the radius: a label may have edges of both kinds."""
+    xy = np.array([[1.0, 0.0], [3.0, 1.0], [2.0, 0.5]])
+    sub, nodes = SimpleNamespace(xy=xy), np.array([[0, 1, 2]])
+    length = np.array([np.hypot(2, 1)])
+    plain = probes._Edges(np.zeros(1, int), nodes, length)
+    curved = probes._Edges(np.zeros(1, int), nodes, length, sides.integrals(xy[nodes]))
+    np.testing.assert_allclose(curved.rings(sub), plain.rings(sub), rtol=1e-12)
+    assert plain.rings(sub).sum() == pytest.approx(length[0] * 2.0)
+    ends = probes._Edges(np.zeros(1, int), nodes[:, :2], length)
+    np.testing.assert_allclose(ends.rings(sub), length * [[(2 * 1 + 3) / 6, (2 * 3 + 1) / 6]])
+    np.testing.assert_allclose(probes._integral(curved, xy), probes._integral(plain, xy))
+    assert not probes._integral(probes._Edges(*np.zeros((3, 0))), xy).any()
+
+
 def test_tractions_of_the_outline_are_those_of_its_forces():
     """Means over a label; along a curve pressure and shear turn with it, a constant pull does not.
     """
@@ -230,3 +245,78 @@ def test_integrals_of_an_edges_shape_functions(quadratic):
     radii = np.array([[1.0, 3.0], [0.0, 2.0]])
     rings = np.array([(phi * (2 * np.pi * (a + at * (b - a)))).mean(axis=1) for a, b in radii])
     np.testing.assert_allclose(outline._shape_integrals(radii, quadratic), rings, atol=1e-4)
+
+
+# ------------------------------------------------------------------------------ single nodes
+
+def test_boundaries_of_a_single_node_have_its_length():
+    """Beside a piece of several: in contact or not; no edge, no end, no ring."""
+    x = np.array([0.0, 1.0, 2.0, 7.0])
+    nodes = {"arc": x, "xy": np.column_stack([x, 0 * x]), "chain": np.array([0, 0, 0, 1]),
+             "weight": np.array([0.5, 1.0, 0.5, 0.75]), "gap": np.zeros(4),
+             "paired": np.zeros(4, bool), "middle": np.zeros(4, bool),
+             "mirrored": np.zeros(4, bool)}
+    pieces = quantities.chains(nodes)
+    assert [piece.tolist() for piece in pieces] == [[0, 1, 2], [3]]
+    assert quantities.beyond_ends(nodes, pieces[1]).tolist() == [0, 0]
+    steps = {"u_n": np.zeros((2, 4)), "slip": np.array([[0, 0, 0, 2.0], [0, 0, 0, -1.0]]),
+             "sigma_n": -np.array([[1.0, 1, 1, 9], [1, 1, 1, 0]]), "sigma_t": np.zeros((2, 4)),
+             "status": np.array([[SLIP, SLIP, SLIP, SLIP], [STICK, STICK, STICK, OPEN]])}
+    assert quantities.contact_length(nodes, pieces, steps, 0) == pytest.approx(2.75)
+    assert quantities.contact_length(nodes, pieces, steps, 1) == pytest.approx(2.0)
+    assert quantities.longest_way(nodes, pieces[1], steps, 1) == 2.0
+    assert quantities.edges_of_contact(nodes, pieces[1], steps, 0) == []
+    assert quantities.peak(np.zeros(1), np.array([9.0])) == 9.0
+    assert between_nodes(nodes, steps, 0) == {"contact_length": 0.0, "slip": 0.0}
+
+
+# ------------------------------------------------------------------------------ tables, lines
+
+UNITS = {"length": "mm", "stress": "MPa"}
+
+
+def test_materials_and_probes_are_aligned_tables():
+    """None without any; numbers in the scene's units, rounding beside others left out."""
+    assert screen.materials([], UNITS) == []
+    head, first = screen.materials([{"body": 1, "name": "steel", "young": 210e3, "poisson": 0.3}],
+                                   UNITS)
+    assert head.split("  ")[0] == "body" and "Young's modulus [MPa]" in head
+    assert first.split() == ["1", "steel", "210000", "0.3"]
+    same = {"u_y": 1.0, "force_y": 2.0, "x": 0.0, "y": 0.0, "step": 1, "time": 1.0}
+    rows = [{"probe": "point1", "u_x": 0.25, "force_x": 1e-20, **same},
+            {"probe": "label3", "u_x": -0.5, "force_x": 3.0, **same}]
+    head, one, two = screen.probes(rows, UNITS)
+    assert head.split()[:4] == ["probe", "force", "x", "[N/mm]"] and "u x [mm]" in head
+    assert one.split() == ["point1", "0", "2", "0.25", "1"]
+    assert two.split() == ["label3", "3", "2", "-0.5", "1"]
+    assert screen.probes([], UNITS) == []
+
+
+@pytest.mark.parametrize("kind, words", [
+    ("shakedown", "forces change by 1.0e-02 a cycle, friction"),
+    ("alternating slip", "slip of 0.25 mm a cycle"), ("ratcheting", "advance of 0.5 mm a cycle"),
+    ("wear", "0.125 mm worn off a cycle")])
+def test_a_line_about_cycles(kind, words):
+    last = {"kind": kind, "slip": 0.25, "drift": 0.5, "wear": 0.125, "change": 0.01,
+            "dissipated": 3.0}
+    line, = screen.cycles({"last": last, "number": 9, "skipped": 4, "error": 1e-3,
+                           "settled_after": None}, UNITS)
+    assert line.startswith("9 cycles, 4 of them jumped over, which may err by 0.001 mm, not settl")
+    assert words in line and "friction takes 3 " in line
+    line, = screen.cycles({"last": last, "number": 1, "skipped": 0, "error": 0.0,
+                           "settled_after": 1}, UNITS)
+    assert line.startswith(f"1 cycle, settled from cycle 1 on: {kind}")
+    assert screen.cycles(None, UNITS) == []
+
+
+def test_names_of_columns_and_files():
+    columns = (tables.Column("step", "1", ""), tables.Column("kkt_{}", "1", ""))
+    assert tables.header(columns, kkt=["a", "b"]) == ["step", "kkt_a", "kkt_b"]
+    assert tables.piece_file("fields/step_0003.pvtu", 12) == "fields/step_0003_0012.vtu"
+    assert tables.field_file(3).endswith("step_0003.vtu")
+    assert tables.field_file(3, 2).endswith("step_0003.pvtu")
+    assert tables.error_file(3, 2).endswith("error_0003.pvtu")
+    assert (tables.shown(True), tables.shown(False), tables.shown(1)) == ("yes", "no", 1)
+    assert {row["file"] for row in tables.reference()} == set(tables.TABLES)
+    assert {"entry", "unit", "meaning"} == set(summary.reference()[0])
+    assert any(row["entry"] == "sizes.dual_dofs" for row in summary.reference())

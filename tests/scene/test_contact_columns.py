@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from driver.errors import InputError
+
 # a quadrilateral whose lower side, two labels, is uneven; its obstacle is a round one
 SCENE = """include "scene.idp"
 units("m", "Pa");
@@ -21,7 +23,7 @@ include "export.idp"
 """
 MOTION = """real turn = 0.2;
 macro obstacle(x, y) (sqrt((x - 0.6)^2 + (y + 4.)^2) - 3.5) //
-macro obstacleX(t) (label == 5 ? 0.05*sin(3*t) : 0.02*t^3) //
+macro obstacleX(t) (label == 5 ? 0.05*sin(3*t) : 0.02*abs(t - 1.8125)) //
 macro obstacleY(t) (-0.1*t) //
 macro obstacleAngle(t) (turn*t^2) //
 macro obstaclePivot() [0.6, -3.5] //
@@ -68,7 +70,7 @@ def test_where_a_moving_obstacle_stands_at_every_time(contact):
     x, y = b.xy[here].T
     step = 1e-5
     for k, t in enumerate(np.linspace(0, 2, 5)):
-        shift = np.where(b.label[here] == 5, 0.05 * np.sin(3 * t), 0.02 * t**3), -0.1 * t
+        shift = np.where(b.label[here] == 5, 0.05 * np.sin(3 * t), 0.02 * abs(t - 1.8125)), -0.1 * t
         angle = 0.2 * t**2
         cos, sin = np.cos(angle), np.sin(angle)
 
@@ -91,12 +93,14 @@ def test_where_a_moving_obstacle_stands_at_every_time(contact):
 
 
 def test_what_steps_miss_of_a_motion(contact):
-    """Its largest departure from lines between them, of eight places a step, and when."""
+    """Its largest departure from lines between them, of eight places a step, and when; a kink at
+    the fifth.
+    """
     b = contact("moving", MOTION)
     here = own(b)
     fine, times = np.linspace(0, 2, 33), np.linspace(0, 2, 5)
     for name, paths in (("obstacle_x", {5: lambda t: 0.05 * np.sin(3 * t),
-                                        8: lambda t: 0.02 * t**3}),
+                                        8: lambda t: 0.02 * abs(t - 1.8125)}),
                         ("obstacle_angle", dict.fromkeys((5, 8), lambda t: 0.2 * t**2)),
                         ("obstacle_y", dict.fromkeys((5, 8), lambda t: -0.1 * t))):
         for label, path in paths.items():
@@ -122,3 +126,19 @@ def test_surfaces_given_at_every_time(contact, still):
     if "obstacle" in still:  # a flat one that shifts: the normal is its own, to the body
         np.testing.assert_allclose(b.normal, np.tile([-0.3, -1.0] / np.hypot(0.3, 1), (len(x), 1)),
                                    atol=1e-9)
+
+
+@pytest.mark.parametrize("more, refused", [("", False), (" + 0.1*(label == 8)", True)])
+def test_an_obstacle_that_contact_follows_is_one_for_all_labels(contact, more, refused):
+    """At any distance; what is traced beside the boundary knows no label."""
+    scene = f"macro obstacle(x, y) (y + 0.3 + 0.1*x{more}) //\nmacro largeSliding() 0.5 //"
+    if refused:
+        with pytest.raises(InputError, match="one for all labels"):
+            contact("labelled", scene)
+        return
+    b = contact("sliding", scene)
+    np.testing.assert_allclose(b.gap, (b.xy[:, 1] + 0.3 + 0.1 * b.xy[:, 0]) / np.hypot(1, 0.1),
+                               atol=1e-7)
+    low, high = b.xy.min(axis=0), b.xy.max(axis=0)  # known as far as it reaches
+    assert b.following.surface.box == pytest.approx(
+        [low[0] - 0.5, high[0] + 0.5, low[1] - 0.5, high[1] + 0.5])

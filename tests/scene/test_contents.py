@@ -54,3 +54,46 @@ def test_where_a_rectangle_lies_does_not_matter(solved, tmp_path, cut):
     assert len(forces[0]) > 6
     for other in forces[1:]:
         np.testing.assert_allclose(other, forces[0], rtol=1e-6)
+
+
+POINTS = """include "scene.idp"
+real turn = physical("turn", 0.);
+rectangle(-7., -4., 5., 6.);
+rotate(turn);
+real c = cos(turn*pi/180), s = sin(turn*pi/180);
+subdomains("3x1");
+macro young() 1. //
+macro poisson() 0.3 //
+macro support() on(4, u1 = 0., u2 = 0.) //
+macro pointLoad1() [c*(-4.) - s*6., s*(-4.) + c*6., 1., 2.,
+                    c*(-6.) - s*5.5, s*(-6.) + c*5.5, 4., 8.,
+                    c*(-4.) - s*5., s*(-4.) + c*5., 16., 32.] //
+macro pointLoad2() [c*(-5.) - s*5., s*(-5.) + c*5., 64., 128.] //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("options", [
+    {"subdomains": "3x1"}, {"subdomains": "3x1", "turn": 30}, {"subdomains": "3"},
+    {"subdomains": "3", "turn": -70, "element": "P2"},
+    {"subdomains": "3x2", "turn": 200, "element": "P2"}])
+def test_point_loads_act_once_at_their_vertices(built, tmp_path, options):
+    """On corners of the rectangle, where pieces meet and inside, however it lies and is cut."""
+    path = tmp_path / "points.edp"
+    path.write_text(POINTS)
+    problem = built(str(path), reduce=False, cells=2, **options)
+    forces = {}
+    for sub in problem.subdomains:
+        loads = sub.loads.reshape(2, -1, 2)
+        for k, node in np.argwhere(loads.any(axis=2)):
+            place = (k, *np.round(sub.xy[node], 9))
+            assert place not in forces
+            forces[place] = loads[k, node].tolist()
+    angle = np.deg2rad(options.get("turn", 0))
+    cos, sin = np.cos(angle), np.sin(angle)
+    expected = {(k, round(cos * x - sin * y, 9), round(sin * x + cos * y, 9)): force
+                for k, x, y, force in ((0, -4, 6, [1, 2]), (0, -6, 5.5, [4, 8]),
+                                       (0, -4, 5, [16, 32]), (1, -5, 5, [64, 128]))}
+    found, wanted = ({tuple(np.round(np.array(place) + 0.0, 6)): force
+                      for place, force in of.items()} for of in (forces, expected))
+    assert found == wanted

@@ -144,10 +144,10 @@ for (int k = 0; k < slidingSegments; ++k) {{
 """
 
 
-def traced(tmp_path, phi: str, box: str) -> np.ndarray:
+def traced(tmp_path, phi: str, box: str, more: str = "") -> np.ndarray:
     """Segments (s, 8) of the curve phi = 0 in a box: both ends, and directions there."""
     script = tmp_path / "trace.edp"
-    script.write_text(TRACE.format(phi=phi, box=box))
+    script.write_text(TRACE.format(phi=phi, box=box) + more)
     return np.array(printed(tmp_path, script))
 
 
@@ -166,9 +166,23 @@ def test_the_curve_of_an_obstacle_is_traced_as_a_whole(tmp_path):
     np.testing.assert_allclose(ends[count == 1], [[1 - x0, -up], [1 - x0, up]], atol=1e-6)
 
 
+AGAIN = """
+for (int c = 0; c < 4; c += 3) {
+  real[int] other = bound;
+  other[c] *= 1.25;
+  slidingTrace(other);
+  for (int i = 0; i < 4; ++i) cout << slidingTraced[i] << " ";
+  for (int i = 0; i < 4; ++i) cout << other[i] << " ";
+  cout << endl;
+}
+"""
+
+
 def test_corners_of_an_obstacle_are_traced(tmp_path):
-    """Short straight ends meet in them."""
-    segments = traced(tmp_path, "max(abs(x - 0.3), abs(y)) - 0.05", "-1., 1., -0.8, 1.6")
+    """Short straight ends meet in them. In another box the curve is traced again."""
+    rows = traced(tmp_path, "max(abs(x - 0.3), abs(y)) - 0.05", "-1., 1., -0.8, 1.6", AGAIN)
+    segments, again = rows[:-2], rows[-2:]
+    np.testing.assert_array_equal(again[:, :4], again[:, 4:])
     size = np.linalg.norm(segments[:, 2:4] - segments[:, :2], axis=1)
     np.testing.assert_allclose(size.sum(), 8 * 0.05, rtol=1e-5)
     assert np.abs(segments[:, :2] - [0.3, 0.0]).max() <= 0.05 * (1 + 1e-9)

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from driver.errors import InputError
+
 # two squares side by side, unlike ones, pulled apart by different forces: plane stress bars
 BARS = """include "scene.idp"
 subdomains("auto");
@@ -92,3 +94,22 @@ include "export.idp"
     for probe, (x, y) in zip(run.summary["probes"], [(2, 1), (1.3, 0.6)]):
         expected = [a * x + b * y, c * x + d * y]
         assert [probe["u_x"], probe["u_y"]] == pytest.approx(expected, rel=1e-8)
+
+
+@pytest.mark.parametrize("part", [0.99, 1.01])
+def test_laws_are_positive_definite(built, named_scene, part):
+    """In which nothing is zero: a little less of c33 than makes the determinant zero, and more."""
+    C = np.array([[9.0, 2.0, 3.0], [2.0, 5.0, -2.0], [3.0, -2.0, 0.0]])
+    C[2, 2] = part * C[2, :2] @ np.linalg.solve(C[:2, :2], C[:2, 2])
+    laws = "\n".join(f"macro c{i + 1}{j + 1}() {C[i, j]} //" for i, j in zip(*np.triu_indices(3)))
+    scene = named_scene(f"law{part}", f"""include "scene.idp"
+rectangle(0., 1., 0., 1.);
+{laws}
+macro support() on(4, u1 = 0, u2 = 0) //
+include "export.idp"
+""")
+    if part > 1:
+        assert np.linalg.eigvalsh(C)[0] > 0 and built(scene, reduce=False, cells=2).subdomains
+        return
+    with pytest.raises(InputError, match="not positive definite"):
+        built(scene, reduce=False, cells=2)

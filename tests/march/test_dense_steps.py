@@ -1,0 +1,470 @@
+"""Fixed points of the friction bound, and what steps do with them, on a dense dual matrix."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from driver.contact.kkt import Scales
+from driver.contact.rows import ContactRows
+from driver.errors import NoSolution, NotConverged
+from driver.march.condensation import Condensation
+from driver.march.fixed_point import FixedPoint
+from driver.march.friction_qp import FrictionQP
+from driver.march.quasistatic import QuasistaticSolver
+from driver.march.residuals import Residuals
+from driver.march.step import History, Load, Trace, Unfinished
+from driver.march.supported import RigidSurfaces, SupportedBodies
+from driver.options import Settings
+from driver.qp import complementarity
+
+N = 3  # contact nodes: normal rows, tangential ones, as many that glue
+
+
+def matrix(seed: int) -> np.ndarray:
+    root = np.random.default_rng(seed).standard_normal((3 * N, 4 * N))
+    return root @ root.T / N
+
+
+class Dense:
+    """Operator of a dense dual matrix."""
+
+    def __init__(self, F: np.ndarray):
+        self.F, self.owned, self.products, self.modes, self.travels = F, len(F), 0, 0, {}
+        self.comm, self.softness, self.rho, self.levels = MPI.COMM_SELF, None, None, 1
+        self.contact_rows_only, self.row_level = False, np.zeros(len(F), int)
+        contact = SimpleNamespace(normal_row=np.arange(N), tangential_row=N + np.arange(N),
+                                  gid=np.arange(N), motion=None, weight=np.ones(N))
+        self.structure = SimpleNamespace(contact=contact, row_range=(0, len(F)), patterns=1,
+                                         dual_dofs=len(F))
+
+    def apply(self, x: np.ndarray) -> np.ndarray:
+        """F x."""
+        self.products += 1
+        return self.F @ x
+
+    @staticmethod
+    def dot(a: np.ndarray, b: np.ndarray) -> float:
+        """Of whole vectors."""
+        return float(a @ b)
+
+    @staticmethod
+    def minimum(value: float) -> float:
+        """Over the one rank."""
+        return value
+
+
+def parts(seed=1, friction=0.3, offset=None, **settings) -> SimpleNamespace:
+    """A fixed point, its QP and condensed problem, by a dense matrix."""
+    operator, node = Dense(matrix(seed)), np.arange(N)
+    rows = ContactRows(node, node, np.zeros(N), N + node, node, node,
+                       None if friction is None else np.full(N, friction),
+                       None if offset is None else np.full(N, offset), 2 * N + node,
+                       np.zeros(N, bool))
+    qp = object.__new__(FrictionQP)
+    qp.operator, qp.rows, qp.scale = operator, rows, np.ones(operator.owned)
+    qp.settings, qp.history, qp.scales = Settings(**settings), History(), Scales()
+    qp.preconditioner = qp.relaxation = None
+    qp.bound, qp.softest = 1.1 * np.linalg.norm(operator.F, 2), np.ones(1)
+    bodies = SupportedBodies()
+    slip = SimpleNamespace(effects=SimpleNamespace(coefficient_changes=False),
+                           renew_coefficient=lambda gradient: None)
+    condensed = Condensation(operator, rows)
+    c, g = slice(2 * N), slice(2 * N, None)
+    F = operator.F
+    condensed._compliance = F[c, c] - F[c, g] @ np.linalg.solve(F[g, g], F[g, c])
+    return SimpleNamespace(operator=operator, rows=rows, qp=qp, bodies=bodies, slip=slip,
+                           condensation=condensed,
+                           fixed=FixedPoint(qp, bodies, slip, condensed))
+
+
+def load_of(of: SimpleNamespace, seed=2) -> Load:
+    """A load that presses two of the nodes and drags all."""
+    d = np.random.default_rng(seed).standard_normal(3 * N)
+    d[:N] = [2.0, 3.0, -1.0]
+    d[N : 2 * N] *= 2.0
+    of.qp.scales.renew(d=np.linalg.norm(d))
+    of.qp.aim(1.0)
+    return Load(np.ones(1), d, np.linalg.norm(d))
+
+
+def solves(of, load, x, rtol=1e-5) -> bool:
+    """Whether forces obey contact and friction, and glue holds: natural residuals."""
+    move, bound = load.d - of.operator.F @ x, of.rows.friction_bound(x)
+    n, t = x[:N], x[N : 2 * N]
+    natural = [n - np.maximum(n + move[:N], 0.0),
+               t - np.clip(t + move[N : 2 * N], -bound, bound), move[2 * N :]]
+    return max(np.abs(part).max() for part in natural) <= rtol * np.abs(x).max()
+
+
+TIGHT = {"rtol": 1e-11, "friction_rtol": 1e-9}
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("friction, offset", [(0.3, None), (0.3, 0.5), (None, 0.5), (None, None)])
+def test_successive_approximations_solve_the_law(seed, friction, offset):
+    """With local Coulomb friction; given bounds are one QP."""
+    of = parts(seed, friction, offset, **TIGHT)
+    load, trace = load_of(of), Trace()
+    zero = np.zeros(3 * N)
+    x, gradient, sliding = of.fixed.find(1, load, zero, -load.d, np.zeros(N), trace, 1e-9)
+    assert solves(of, load, x)
+    np.testing.assert_allclose(gradient, of.operator.F @ x - load.d, atol=1e-8)
+    at_bound = np.abs(x[N : 2 * N]) >= of.rows.friction_bound(x) * (1 - 1e-6)
+    np.testing.assert_array_equal(sliding, np.where(at_bound, np.sign(x[N : 2 * N]), 0.0))
+    assert (trace.iterations == 1) == (friction is None) and not trace.fallback
+    problem = of.condensation.problem(load, x, gradient)
+    z = complementarity.newton(problem, problem.whole(of.condensation.gather(x)))
+    np.testing.assert_allclose(of.condensation.gather(x), z, atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", [1, 4, 5])
+def test_large_friction_is_solved_by_other_methods(seed):
+    """Where successive approximations do not contract; noted with the step."""
+    of = parts(seed, 4.0, **TIGHT)
+    load, trace = load_of(of, seed), Trace()
+    zero = np.zeros(3 * N)
+    x, _, _ = of.fixed.find(7, load, zero, -load.d, np.zeros(N), trace, 1e-9)
+    assert solves(of, load, x)
+    # the condensed problem alone comes to a solution as well
+    y, _, _ = of.fixed.condensed(7, load, zero, -load.d, None, Trace(), 1e-9)
+    assert solves(of, load, y)
+    assert all(steps == [7] for steps in of.qp.history.fallbacks.steps.values())
+    assert of.qp.history.fallbacks.steps
+
+
+def test_qps_are_solved_as_far_as_it_pays():
+    """Each reduces its residual by INNER_RTOL until the last one; in full they take more products.
+    """
+    counts = {}
+    for inner in (0.1, 1e-12):
+        of = parts(1, 0.5, **TIGHT, inner_rtol=inner)
+        load, trace = load_of(of), Trace()
+        x, _, _ = of.fixed.find(1, load, np.zeros(3 * N), -load.d, np.zeros(N), trace, 1e-9)
+        assert solves(of, load, x)
+        counts[inner] = of.operator.products
+    assert counts[0.1] < 0.8 * counts[1e-12]
+
+
+def test_a_fixed_point_that_takes_too_long_is_unfinished():
+    of = parts(1, 0.9, **TIGHT, max_fixed_point=2)
+    load = load_of(of)
+    with pytest.raises(Unfinished, match="no fixed point of the friction bound in 2 iterations"):
+        of.fixed.find(3, load, np.zeros(3 * N), -load.d, np.zeros(N), Trace(), 1e-9)
+
+
+def test_without_any_method_a_step_has_no_solution(monkeypatch):
+    of = parts(1, 4.0, **TIGHT)
+    load = load_of(of, 1)
+    monkeypatch.setattr(of.fixed, "_accelerate", lambda *_: None)
+    monkeypatch.setattr(of.fixed, "_condense", lambda *_: None)
+    with pytest.raises(Unfinished) as stop:
+        of.fixed._globalise(4, load, np.zeros(3 * N), np.zeros(0), Trace())
+    assert isinstance(stop.value.error, NoSolution) and not stop.value.final
+    assert "does not contract" in str(stop.value.error)
+    np.testing.assert_allclose(stop.value.gradient, -load.d)
+    failure = Unfinished(NotConverged("as before"), None, None)
+    with pytest.raises(Unfinished, match="as before"):
+        of.fixed.condensed(4, load, np.zeros(3 * N), -load.d, None, Trace(), 1e-9, failure)
+
+
+# ------------------------------------------------------------------------------ condensation
+
+def test_the_condensed_problem_is_exact_where_it_is_made():
+    """Its load gives the movements of the contact rows at x, whatever glue leaves."""
+    of = parts(3)
+    load, x = load_of(of), np.random.default_rng(4).standard_normal(3 * N)
+    gradient = of.operator.F @ x - load.d
+    problem = of.condensation.problem(load, x, gradient)
+    near = of.condensation.gather(x)
+    np.testing.assert_allclose(problem.movement(problem.whole(near)), -gradient[: 2 * N])
+    lower, upper = of.condensation.fixing(x)
+    assert (lower[: 2 * N] == x[: 2 * N]).all() and (upper[: 2 * N] == x[: 2 * N]).all()
+    assert np.isinf(lower[2 * N :]).all() and np.isinf(upper[2 * N :]).all()
+    np.testing.assert_array_equal(of.condensation.place(near + 1, x)[: 2 * N], x[: 2 * N] + 1)
+    np.testing.assert_array_equal(of.condensation.place(near + 1, x)[2 * N :], x[2 * N :])
+    before = of.condensation.compliance()
+    of.operator.softness = np.arange(9.0)
+    np.testing.assert_allclose(of.condensation.compliance() - before, np.diag(np.arange(6.0)))
+
+
+# ------------------------------------------------------------------------------ steps
+
+def solver(find, residuals, **more) -> QuasistaticSolver:
+    """A solver whose fixed points are `find`, and whose residuals in turn are `residuals`."""
+    of, said = parts(1, **TIGHT), iter(residuals)
+    s = object.__new__(QuasistaticSolver)
+    s.operator, s.rows, s.qp, s.settings = of.operator, of.rows, of.qp, of.qp.settings
+    s.bodies, s.slip, s.scales = of.bodies, of.slip, of.qp.scales
+    s.fixed_point = SimpleNamespace(condensed="condensed")
+    s.corners, s.loads, s.largest_friction = SimpleNamespace(find=find), [1.0, 1.0], 0.3
+    s.residuals = Residuals(of.qp, of.bodies, of.slip)
+    s.residuals.of = lambda *given, **kinds: {"gluing": 0.0, "penetration": 0.0} | next(said)
+    s.residuals.faded = lambda x: False
+    vars(s).update(more)
+    return s
+
+
+def found(index, load, x, gradient, sliding, trace, rtol):
+    """A fixed point, which has been asked for with a tolerance."""
+    found.asked.append(rtol)
+    return x, gradient, sliding
+
+
+def earned(s):
+    load = Load(np.ones(1), np.ones(9), 1.0)
+    s.scales.renew(d=1.0)
+    return s._earned(1, load, np.zeros(9), -load.d, np.zeros(N), Trace())
+
+
+def test_tolerances_get_tighter_until_residuals_are_small_enough():
+    """QPs by what the worst one misses, at least a tenth; friction as well where that gluing or
+    penetration do not say that QPs are to blame.
+    """
+    found.asked = []
+    s = solver(found, [{"penetration": 30 * 1e-4, "equilibrium": 0.0}, {"cone": 2e-4},
+                       {"cone": 1e-5}], settings=Settings(primal_rtol=1e-4, rtol=1e-6,
+                                                          friction_rtol=1e-5))
+    s.qp.settings = s.settings
+    aims = []
+    aim, s.qp.aim = s.qp.aim, lambda part: aims.append(part) or aim(part)
+    *_, residuals = earned(s)
+    assert residuals["cone"] == 1e-5
+    assert aims == pytest.approx([1.0, 0.3 / 30, 0.3 / 30 * 0.1])
+    assert found.asked == pytest.approx([1e-5, 1e-5, 1e-6])
+
+
+def test_what_stays_too_large_is_said():
+    """After the condensed problem has been tried in the place of successive approximations."""
+    found.asked, tried = [], []
+    s = solver(found, 99 * [{"cone": 0.5}])
+
+    def condensed(*given):
+        tried.append(given[-1])
+        return found(*given)
+
+    s.fixed_point = SimpleNamespace(condensed=condensed)
+    with pytest.raises(Unfinished, match="the cone residual stays at 5.0e-01, above the"):
+        earned(s)
+    assert tried and len(found.asked) > len(tried)
+
+
+def test_what_is_rounding_without_forces_needs_none():
+    """The state without any force is taken where that is a solution."""
+    s = solver(found, [{"cone": 0.5}])
+    found.asked = []
+    s.residuals.faded = lambda x: True
+    s.residuals.free_of_forces = lambda *given: "free"
+    assert earned(s) == "free"
+
+    def fails(*_):
+        raise Unfinished(NotConverged("no"), np.zeros(9), np.zeros(9))
+
+    s.corners.find = fails
+    assert earned(s) == "free"
+    s.residuals.free_of_forces = lambda *given: None
+    with pytest.raises(Unfinished, match="no"):
+        earned(s)
+
+
+def test_what_a_step_asks_for():
+    """Displacements of its loads and of what carries bodies into contact, not along it; overlaps
+    with obstacles that have moved.
+    """
+    s = solver(found, [])
+    s.amplitudes, s.times = np.array([[0.0], [2.0]]), np.array([0.0, 1.0])
+    s.operator.rigid_response = lambda weights: weights[0] * np.arange(9.0)
+    s.operator.elastic_response = lambda weights: weights[0] * np.ones(9)
+    s.contact = SimpleNamespace(motion=None)
+    expected = np.array([2, 4, 6, 2, 2, 2, 14, 16, 18.0])
+    assert s._size(1) == pytest.approx(np.linalg.norm(expected))
+    s.contact.motion = SimpleNamespace(gap_at=lambda time: np.array([-3.0, 5.0, 0.0]) * time)
+    expected[0] += 3
+    assert s._size(1) == pytest.approx(np.linalg.norm(expected))
+
+
+def test_the_load_of_a_step():
+    """Elastic displacements from those before along contact, less gaps; what carries bodies by its
+    increment there, less the obstacle's way.
+    """
+    s = solver(found, [])
+    s.rows.gap = np.array([0.5, 0.25, 0.0])
+    s.amplitudes = np.array([[0.0], [2.0]])
+    s.slip = SimpleNamespace(weights=np.array([0.5]), way=np.array([0.1, 0.0, 0.0]),
+                             elastic=np.array([0.25, 0.5, 1.0]))
+    s.operator.rigid_response = lambda weights: weights[0] * np.arange(9.0)
+    s.operator.elastic_response = lambda weights: weights[0] * np.ones(9)
+    seen = []
+    s.qp.extent = lambda *given: seen.append(given) or 7.0
+    load = s.load(1, np.zeros(0), np.full(9, 3.0))
+    rigid = np.array([0.0, 2, 4, 1.5 * 3 - 0.1, 1.5 * 4, 1.5 * 5, 0, 0, 0])
+    np.testing.assert_allclose(load.d, 2 + rigid - [0.5, 0.25, 0, 0.25, 0.5, 1, 0, 0, 0])
+    assert load.extent == 7.0 and load.travel == pytest.approx(7.5)
+    np.testing.assert_allclose(seen[0][1], rigid)
+    assert load.weights.tolist() == [2.0]
+
+
+def test_obstacles_that_move_take_contact_with_them():
+    s = solver(found, [])
+    s.times, s.rows.corners = np.array([0.0, 1.0, 3.0]), SimpleNamespace(
+        nodes=np.array([[0, 1], [2, 2]]), rubbed=None)
+    s.contact = SimpleNamespace(
+        motion=SimpleNamespace(gap_at=lambda time: time * np.arange(3.0)),
+        way=lambda before, now: (now - before) * np.array([0.5, 0.0, 0.0]))
+    s.slip = SimpleNamespace(way=0.0)
+    s._move_obstacles(2)
+    assert s.rows.gap.tolist() == [0, 3, 6] and s.slip.way.tolist() == [1, 0, 0]
+    assert s.rows.corners.rubbed.tolist() == [True, False]
+
+
+def test_equilibrium_without_friction_is_that_of_the_dense_box():
+    """Coefficients, offsets and laws are afterwards what they were."""
+    s = solver(found, 99 * [{"cone": 0.0}])
+    of = parts(1, **TIGHT)
+    s.corners = of.fixed
+    of.fixed.qp, of.fixed.operator, of.fixed.rows = s.qp, s.operator, s.rows
+    s.amplitudes, s.closure = np.array([[1.0]]), RigidSurfaces()
+    s.slip = SimpleNamespace(weights=np.zeros(1), way=0.0, elastic=np.zeros(N), coefficient="own",
+                             effects=of.slip.effects, renew_coefficient=lambda gradient: None)
+    d = load_of(of).d
+    s.operator.rigid_response = lambda weights: np.zeros(9)
+    s.operator.elastic_response = lambda weights: d.copy()
+    known = s.rows.coefficient
+    x, gradient, load = s.without_friction()
+    assert s.rows.coefficient is known and s.slip.coefficient == "own"
+    F, free = s.operator.F, np.r_[0:N, 2 * N : 3 * N]
+    assert not x[N : 2 * N].any() and (x[:N] >= 0).all()
+    over = (load.d - F @ x)[:N]
+    assert np.abs(np.minimum(x[:N], -over)).max() < 1e-7
+    assert np.abs((load.d - F @ x)[2 * N :]).max() < 1e-7 and len(free) == 6
+    np.testing.assert_allclose(gradient, F @ x - load.d, atol=1e-9)
+
+
+# ------------------------------------------------------------------------------ residuals
+
+def residuals(levels=1, softest=(2.0,), **more) -> Residuals:
+    """Those of three contact nodes; a level of stiffness for rows, by their `softest` scales."""
+    of = parts(1, **TIGHT)
+    of.operator.levels = levels
+    of.qp.softest, of.qp.scales = np.array(softest), Scales(displacements=np.zeros(levels))
+    found = Residuals(of.qp, of.bodies, of.slip)
+    vars(found).update(more)
+    return found
+
+
+@pytest.mark.parametrize("exact", [False, True])
+def test_displacements_that_are_rounding(exact):
+    """Beside what is to be overcome, in the softest rows; by a bound of what multipliers round, of
+    stiffer ones; and beside what bodies travel.
+    """
+    load = Load(np.ones(1), np.zeros(9), 3.0, travel=0.0)
+    one = residuals()
+    np.testing.assert_allclose(one._least_deformation(load, np.ones(9), exact), [1e-8 * 3 / 2])
+    x = np.arange(9.0)
+    many = residuals(3, (2.0, 4.0, 0.5))
+    rounded = 3e-14 * many.qp.bound * np.linalg.norm(x) / many.asked("penetration")
+    rounded = 0.0 if exact else rounded
+    found = many._least_deformation(load, x, exact)
+    np.testing.assert_allclose(found, [1e-8 * 3 / 2, rounded / 4, rounded / 0.5])
+    load.travel, load.farthest = 5.0, 7.0
+    np.testing.assert_allclose(many._least_deformation(load, x, exact), np.maximum(found, 7e-9))
+    load.travel = 50.0
+    np.testing.assert_allclose(one._least_deformation(load, x, exact), [5e-8])
+
+
+def test_residuals_are_relative_to_what_deforms():
+    """To a lower bound of it, and where that is too little to the deformation; or to what is not
+    rounding. What friction bounds miss of their slip counts as a force.
+    """
+    found = residuals()
+    found.qp.settings = Settings(primal_rtol=1e-3, friction_rtol=1e-3)
+    op, load = found.operator, Load(np.ones(1), np.zeros(9), 1.0)
+    x = np.array([4.0, 2, 1, 0, 0, 0, 0, 0, 0])
+    gradient = np.zeros(9)
+    gradient[0], gradient[6] = -1e-4, 2e-4  # the first node penetrates, the first glued row gapes
+    asked = []
+    op.least_deformation = lambda *_: asked.append("least") or 0.01
+    op.deformation_by_level = lambda *_: asked.append("whole") or np.array([0.5])
+    said = found.of(load, x, gradient)
+    assert asked == ["least", "whole"] and not found.still
+    assert said["gluing"] == pytest.approx(2e-4 / 0.5)
+    assert said["penetration"] == pytest.approx(1e-4 / 0.5)
+    op.least_deformation = lambda *_: asked.append("enough") or 1.0
+    found.scales.largest = {}
+    assert found.of(load, x, gradient)["gluing"] == pytest.approx(2e-4)
+    assert asked == ["least", "whole", "enough"]
+    op.levels = 1
+    load.extent = 1e9  # of which everything else is rounding
+    assert found.of(load, x, gradient)["gluing"] == pytest.approx(
+        2e-4 / (1e-8 * 1e9 / found.qp.softest[0])) and found.still
+    found._changing = lambda x, gradient: 3.0
+    assert found.of(load, x, gradient)["cone"] == pytest.approx(3.0 / 4.0)
+
+
+@pytest.mark.parametrize("x, largest, still, faded", [
+    (np.zeros(9), 0.0, False, False), (np.ones(9), 0.0, False, False),
+    (np.ones(9), 0.0, True, True),
+    (np.full(9, 1e-9), 1.0, False, True), (np.full(9, 1e-3), 1.0, False, False),
+    (np.r_[np.zeros(6), 1e-9, 0, 0], 1.0, False, True)])
+def test_forces_that_may_be_rounding(x, largest, still, faded):
+    """Beside those before, or the least that move anything; gluing ones where nothing presses; or
+    where nothing has deformed. None at all are no rounding.
+    """
+    found = residuals()
+    found.scales.largest, found.scales.d, found.still = {"pressing": largest}, 0.0, still
+    assert found.faded(x) == faded
+
+
+def test_all_residuals_are_asked_for():
+    """The imbalance of bodies as friction, all else as displacements."""
+    found = residuals()
+    found.qp.settings = Settings(primal_rtol=1e-3, friction_rtol=1e-5)
+    assert found.asked("equilibrium") == 1e-5 and found.asked("cone") == 1e-3
+    assert found.enough({"cone": 1e-3, "equilibrium": 1e-5}) and found.enough({})
+    assert not found.enough({"cone": 2e-3, "equilibrium": 0.0})
+    assert not found.enough({"cone": 0.0, "equilibrium": 2e-5})
+
+
+def test_bounds_that_miss_those_of_their_slip():
+    """The law is asked at the slip of the gradient, and the coefficients stay."""
+    found = residuals()
+    x = np.array([4.0, 2, 1, 0, 0, 0, 0, 0, 0])
+    assert found._changing(x, np.zeros(9)) == 0.0
+    known = found.rows.coefficient
+
+    def renew(gradient):
+        found.rows.coefficient = known + gradient[N : 2 * N]
+
+    found.slip = SimpleNamespace(effects=SimpleNamespace(coefficient_changes=True),
+                                 renew_coefficient=renew)
+    gradient = np.r_[np.zeros(3), 0.1, -0.3, 0.0, np.zeros(3)]
+    assert found._changing(x, gradient) == pytest.approx(max(0.1 * 4, 0.3 * 2))
+    assert found.rows.coefficient is known
+
+
+def test_the_state_without_forces():
+    """With bodies where they are to be tried; if that is no solution all is as before."""
+    found = residuals()
+    load, tried = Load(np.ones(1), np.arange(9.0), 1.0), []
+    found.operator.structure.patterns = 1
+    found.bodies = SimpleNamespace(shift=lambda load, change: tried.append(change.copy()))
+    answer = {"cone": 0.0}
+
+    def of(load, x, gradient):
+        found.scales.renew(d=99.0)
+        found.still = True
+        tried.append((x.any(), gradient.copy()))
+        return answer
+
+    found.of = of
+    x = np.ones(9)
+    nothing, gradient, moved, _ = found.free_of_forces(load, x)
+    assert not nothing.any() and moved is x
+    np.testing.assert_array_equal(gradient, -load.d)
+    answer, found.still, found.scales.d = {"cone": 1.0}, False, 1.0
+    load.weights = np.array([1.0, 5.0])
+    tried.clear()
+    assert found.free_of_forces(load, x, np.array([2.0])) is None
+    assert tried[0].tolist() == [-3.0] and tried[-1].tolist() == [3.0]
+    assert found.scales.d == 1.0 and not found.still
