@@ -27,8 +27,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from ..errors import InputError
+from ..feti.edges import edge_labels, outward_edges
 from ..feti.gathering import gather
-from ..feti.skeleton import edge_labels, outward_edges
 from . import mortar
 from .side import Side, rises
 from .nodes import TURN

@@ -8,8 +8,8 @@ from ..contact import mortar
 from ..contact.side import Side, before_flanks, rises, sagitta, split
 from ..contact.boundary import Configuration, held_nodes
 from ..errors import InputError
+from ..feti.edges import edge_labels, outward_edges
 from ..feti.gathering import gather
-from ..feti.skeleton import edge_labels, outward_edges
 from ..scene.loader import Subdomain
 from . import Effect
 

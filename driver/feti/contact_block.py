@@ -40,8 +40,12 @@ class ContactBlock:
         self.local = self._spread(parts, "F", self.rows, self.rows)
         self.M = self._spread(parts, "M", self.rows, self.rows)
         self.A = self._spread(parts, "A", self.rows, corners)
-        self._A_transposed = csr_matrix(self.A.T) if issparse(self.A) else self.A.T.copy()
         self.G = operator.coarse.inverse(corners)
+        if len(self.G) > self.size:  # where whole interfaces are corners: one dense matrix
+            through = self.A @ (self.A @ self.G).T
+            self.local = np.asarray(self.local + (through + through.T) / 2)
+            self.A, self.G = np.zeros((self.size, 0)), np.zeros((0, 0))
+        self._A_transposed = csr_matrix(self.A.T) if issparse(self.A) else self.A.T.copy()
         self.softness = None  # (n,) diagonal that a step adds
 
     def _local_parts(self, operator, preconditioner) -> list[dict]:
@@ -95,17 +99,20 @@ class ContactBlock:
 class Galerkin:
     """W' F_cc W (k, k) for W with two entries a row, which change, in columns (n, 2), which stay.
 
-    Rows with the same two columns, many as hats span a subdomain, are first summed up in L W.
+    Rows with the same two columns, many as hats span a subdomain, are first summed up in L W where
+    L is sparse.
     """
 
     def __init__(self, block: ContactBlock, columns: np.ndarray, k: int):
         self.size, self.G, self.block = k, block.G, block
         self._own = columns[:, :, None] * k + columns[:, None, :]
-        pair = columns[:, 0] * k + columns[:, 1]
-        L, A = (csr_matrix(matrix).tocoo() for matrix in (block.local, block.A))
-        self._L = _Sums(L.row, pair[L.col], L.col, L.data)
-        self._row, to = L.row[self._L.entry], columns[L.col[self._L.entry]]
-        self._cell = (columns[self._row][:, :, None] * k + to[:, None, :]).T.ravel()
+        self._columns, pair = columns, columns[:, 0] * k + columns[:, 1]
+        A = csr_matrix(block.A).tocoo()
+        if issparse(block.local):
+            L = block.local.tocoo()
+            self._L = _Sums(L.row, pair[L.col], L.col, L.data)
+            self._row, to = L.row[self._L.entry], columns[L.col[self._L.entry]]
+            self._cell = (columns[self._row][:, :, None] * k + to[:, None, :]).T.ravel()
         self._A = _Sums(A.col, pair[A.row], A.row, A.data)
         corners, to = max(len(self.G), 1), columns[A.row[self._A.entry]]
         cell, self._slot = np.unique((to * corners + A.col[self._A.entry][:, None]).T.ravel(),
@@ -116,11 +123,8 @@ class Galerkin:
 
     def __call__(self, W: np.ndarray) -> np.ndarray:
         """`W` (n, 2) are the entries."""
-        W, k = np.ascontiguousarray(W.T), self.size
-        products = self._L(W)[:, None] * np.take(W, self._row, axis=1)
-        local = np.bincount(self._cell, products.ravel(), minlength=k * k).reshape(k, k)
-        local = local.astype(float, copy=False)  # whole numbers where there is none to add
-        T = self._coupling
+        local = self._local(W)
+        W, k, T = np.ascontiguousarray(W.T), self.size, self._coupling
         T.data = np.bincount(self._slot, self._A(W).ravel(), minlength=len(T.data))
         coarse = T @ (T @ self.G).T
         if self.block.softness is not None:
@@ -128,6 +132,19 @@ class Galerkin:
             local += np.bincount(self._own.ravel(), products.ravel(),
                                  minlength=k * k).reshape(k, k)
         return local + (coarse + coarse.T) / 2
+
+    def _local(self, W: np.ndarray) -> np.ndarray:
+        """W' L W (k, k) for W (n, 2)."""
+        k = self.size
+        if not issparse(self.block.local):
+            first = np.arange(0, W.size + 1, 2)
+            W = csr_matrix((W.ravel(), self._columns.ravel(), first), shape=(len(W), k))
+            product = W.T @ (self.block.local @ W)
+            return (product + product.T) / 2
+        W = np.ascontiguousarray(W.T)
+        products = self._L(W)[:, None] * np.take(W, self._row, axis=1)
+        local = np.bincount(self._cell, products.ravel(), minlength=k * k).reshape(k, k)
+        return local.astype(float, copy=False)  # whole numbers where there is none to add
 
 
 class _Sums:

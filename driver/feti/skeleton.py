@@ -15,12 +15,17 @@ from ..errors import InputError, agree
 from ..scene.elements import cross
 from ..scene.loader import Subdomain
 from ..scene.manifest import Manifest
+from .edges import edge_labels, split_edges
 from .exchange import Copies, components, exchange
 from .gathering import gather, joined, largest, lookup
 
 
 THIN = 4.0  # longest side squared over twice the area: 1 to 1.2 for regular triangles
 JUMP = 10.0  # of the stiffness around a node
+ROUNDED = 1e-9  # of a ratio: no rounding decides
+# stiffness against change of area over that against shear, 1/(1 - 2 nu); products grow with its
+# root and are three times those for nu = 0.3 there
+BULK = 100.0
 
 
 class Skeleton:
@@ -38,10 +43,10 @@ class Skeleton:
         self._quadratic = manifest.element != "P1"
         self._copies = Copies(comm, pieces.nodes[:, 1], manifest.nodes)
         self.own = slice(self._copies.below, self._copies.below + len(pieces.nodes))
-        self.nodes, self.xy, self.stiffness, self.uneven = map(self.spread, (
+        self.nodes, self.xy, self.stiffness, self.uneven, self.bulky = map(self.spread, (
             pieces.nodes,  # subdomain, gid
             pieces.xy, pieces.stiffness,
-            pieces.uneven))  # of every node, see Outline.uneven
+            pieces.uneven, pieces.bulky))  # of every node, see Outline
         self._edges_of(pieces, manifest.nodes)
         self.local, self.starts = pieces.local, pieces.starts
         self.interface_label = manifest.interface_label
@@ -149,6 +154,11 @@ class Skeleton:
     def uneven_gids(self) -> np.ndarray:
         """Those of `gids` whose neighbours hold them unevenly in some subdomain."""
         return self.gids[self.over_subdomains(np.logical_or, self.uneven)]
+
+    @cached_property
+    def bulky_gids(self) -> np.ndarray:
+        """Those of `gids` that nearly incompressible material of some subdomain has."""
+        return self.gids[self.over_subdomains(np.logical_or, self.bulky)]
 
     @cached_property
     def place(self) -> np.ndarray:
@@ -281,8 +291,9 @@ class _Pieces:
         kinds = {}  # subdomains that share their stiffness are as uneven as one another
         for outline, sub in zip(outlines, subdomains):
             if id(sub.values) not in kinds:
-                kinds[id(sub.values)] = outline.uneven(sub)
-        self.uneven = joined((kinds[id(sub.values)] for sub in subdomains), bool)
+                kinds[id(sub.values)] = outline.uneven(sub), outline.bulky(sub)
+        self.uneven, self.bulky = (
+            joined((kinds[id(sub.values)][k] for sub in subdomains), bool) for k in (0, 1))
 
 
 class Outline:
@@ -328,6 +339,17 @@ class Outline:
         directed = _shear_ratio(sub.elasticity[triangles]) > JUMP
         return np.logical_or.reduceat((thin | directed)[place], self._first) | (high > JUMP * low)
 
+    def bulky(self, sub: Subdomain) -> np.ndarray:
+        """(m,) whether a triangle at the node resists change of area BULK times as much as shear.
+
+        By the traces of Hooke's law on both: nu above 0.495 in plane strain.
+        """
+        C = sub.elasticity
+        area = (C[:, 0, 0] + C[:, 1, 1]) / 2 + C[:, 0, 1]
+        shear = (C[:, 0, 0] + C[:, 1, 1]) / 2 - C[:, 0, 1] + 2 * C[:, 2, 2]
+        bulky = area > (1 + ROUNDED) * BULK * shear / 2
+        return np.logical_or.reduceat(bulky[self._triangle], self._first)
+
 
 def _shear_ratio(C: np.ndarray) -> np.ndarray:
     """(n,) ratio of the two moduli that Hooke's laws C (n, 3, 3) have for shear; isotropic: 1.
@@ -337,43 +359,6 @@ def _shear_ratio(C: np.ndarray) -> np.ndarray:
     plain, mixed = (C[:, 0, 0] + C[:, 1, 1] - 2 * C[:, 0, 1]) / 4, (C[:, 0, 2] - C[:, 1, 2]) / 2
     middle, half = (plain + C[:, 2, 2]) / 2, np.hypot((plain - C[:, 2, 2]) / 2, mixed)
     return (middle + half) / np.maximum(middle - half, np.finfo(float).eps * middle)
-
-
-def split_edges(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Edges (n, 2) of one triangle only, smaller vertex first, and that triangle (n,).
-
-    Last (k, 2) the triangles that inner edges connect.
-    """
-    edges = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    span = edges.max() + 1
-    key = edges[:, 0] * span + edges[:, 1]
-    order = np.argsort(key, kind="stable")
-    key, triangle = key[order], order // 3
-    same = key[1:] == key[:-1]  # as the next one
-    alone = ~(np.append(same, False) | np.append(False, same))
-    outer = np.column_stack(np.divmod(key[alone], span))
-    return outer, triangle[alone], np.column_stack([triangle[:-1][same], triangle[1:][same]])
-
-
-def outward_edges(triangles: np.ndarray) -> np.ndarray:
-    """(n, 2) edges of one triangle only, counterclockwise: the body lies on their left."""
-    edges = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    span = edges.max() + 1
-    _, inverse, counts = np.unique(
-        edges.min(axis=1) * span + edges.max(axis=1), return_inverse=True, return_counts=True)
-    return edges[counts[inverse] == 1]
-
-
-def edge_labels(labelled: np.ndarray, labels: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Labels of edges (n, 2), smaller vertex first, by those of `labelled` (m, 2), else 0."""
-    span = 1 + max(labelled.max(initial=0), edges.max(initial=0))
-    given = np.sort(labelled, axis=1)
-    keys, wanted = given[:, 0] * span + given[:, 1], edges[:, 0] * span + edges[:, 1]
-    order = np.argsort(keys)
-    place = np.minimum(np.searchsorted(keys[order], wanted), len(order) - 1)
-    if not len(order):
-        return np.zeros(len(edges), np.int64)
-    return np.where(keys[order[place]] == wanted, labels[order[place]], 0)
 
 
 def _crosses(p: np.ndarray, q: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -20,8 +20,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from ..scene import elements
+from .edges import split_edges
 from .gathering import gather, joined
-from .skeleton import split_edges
 
 ROUNDED = 1e-6  # of an exponent: no rounding decides on which side of a power of ten a ratio is
 

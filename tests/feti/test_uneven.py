@@ -10,9 +10,9 @@ import pytest
 from mpi4py import MPI
 from small_scenes import LEFT, TOP, Body, Scene, grown, rectangle
 from test_cuts import torn
-from test_deflation import condition, dense
+from test_deflation import condition, dense, spread
 
-from driver.feti.contact_block import ContactBlock
+from driver.feti.contact_block import ContactBlock, Galerkin
 from driver.feti.deflation import DeflatedPreconditioner, Deflation
 from driver.feti.rows import RowKind
 from driver.feti.skeleton import JUMP, THIN, Outline, Skeleton, _shear_ratio
@@ -64,12 +64,12 @@ def speckled(jump: float):
     return xy, young
 
 
-def scene(made, parts: int) -> Scene:
+def scene(made, parts: int, poisson: float = 0.3) -> Scene:
     """The body in pieces that have grown at random, pressed down with friction."""
     xy, young = made
     _, triangles, outline = rectangle(NX, NY)
     part = grown(triangles, parts, np.random.default_rng(parts))
-    return Scene(Body(xy, triangles, outline, part, young, 0.3), [{TOP: (0.0, -1.0)}],
+    return Scene(Body(xy, triangles, outline, part, young, poisson), [{TOP: (0.0, -1.0)}],
                  np.array([[0.0], [1.0]]), support=LEFT)
 
 
@@ -100,6 +100,48 @@ def test_condition_does_not_depend_on_grading_and_jumps(body, parts):
         assert value < TIMES * easy[face], (face, hard, easy)
 
 
+RUBBER = """include "scene.idp"
+real nu = physical("nu", 0.3);
+units("1", "1");
+subdomains("7");
+body = square(16, 8, [2*x, y]);
+macro young() 1. //
+macro poisson() nu //
+macro load1() traction(3, 0.005, -0.1) //
+macro contact() 1, 2 //
+macro gap() (label == 2 ? 0.02 : 0.) //
+macro friction() 0.3 //
+include "export.idp"
+"""
+
+
+def test_incompressible_bodies_take_no_more_products(solved, named_scene):
+    """A rubber block on a floor that swells against a wall; without corners all along its
+    interfaces it took ten times as many.
+    """
+    rubber = named_scene("rubber", RUBBER)
+    easy, hard = (solved(rubber, element="P2-mixed", nu=nu) for nu in (0.3, 0.4999))
+    assert easy.status == hard.status == 0
+    counts = [run.summary["counts"]["dual_multiplications"] for run in (easy, hard)]
+    assert counts[1] <= 1.2 * counts[0], counts
+
+
+def test_where_whole_interfaces_are_corners_the_contact_block_is_one_matrix():
+    """More corners than contact rows: F_cc and W'F_cc W as before, of the dense operator."""
+    problem = torn(scene(even(), 5, 0.4999))
+    block = ContactBlock(problem.operator, problem.operator.preconditioner())
+    assert not len(block.G) and problem.operator.structure.coarse_dofs > block.size
+    F = problem.F[np.ix_(block.rows, block.rows)]
+    found = np.array([block.apply(e) for e in np.eye(block.size)])
+    assert np.abs(found - F).max() <= 1e-9 * np.abs(F).max()
+    rng = np.random.default_rng(2)
+    columns, entries = rng.integers(0, 4, (block.size, 2)), rng.standard_normal((block.size, 2))
+    W = spread(columns, entries, 4)
+    wanted = W.T @ F @ W
+    assert np.abs(Galerkin(block, columns, 4)(entries) - wanted).max() <= 1e-9 * np.abs(
+        wanted).max()
+
+
 def skeleton_of(given: Scene) -> Skeleton:
     return Skeleton(given.manifest(), given.subdomains(), MPI.COMM_SELF)
 
@@ -108,6 +150,8 @@ def test_even_bodies_have_no_uneven_nodes():
     """Up to the limits: neither a jump below JUMP nor triangles up to THIN ask for corners."""
     for made in (even(), thin(0.4), striped(0.9 * JUMP)):
         assert not skeleton_of(scene(made, 5)).uneven.any()
+    assert not skeleton_of(scene(even(), 5, 0.495)).bulky.any()  # BULK is 100
+    assert skeleton_of(scene(even(), 5, 0.496)).bulky.all()
     # right triangles of legs 1 and a have a + 1/a; a cell is 2/NX wide, 1/NY high
     aspect = 4.3 * NY / NX * 2
     assert 4.3 + 1 / 4.3 > THIN

@@ -468,3 +468,9 @@ def test_the_state_without_forces():
     assert found.free_of_forces(load, x, np.array([2.0])) is None
     assert tried[0].tolist() == [-3.0] and tried[-1].tolist() == [3.0]
     assert found.scales.d == 1.0 and not found.still
+
+
+def test_a_trace_that_begins_again_knows_its_iterations_alone():
+    trace = Trace(5, [1.0, 0.5], True, True)
+    trace.again()
+    assert trace == Trace(5)

@@ -7,7 +7,7 @@ import pytest
 from mpi4py import MPI
 
 from driver.contact.equilibrium import rigid_equilibrium
-from driver.qp.complementarity import _lemke_pivots
+from driver.qp.complementarity import _lemke_pivots, _neighbours, lemke
 from driver.qp.coulomb import BACKWARD, FORWARD, OPEN, STICK, CoulombProblem
 
 
@@ -120,3 +120,17 @@ def test_pivots_solve_complementarity_whatever_covers(seed):
     np.testing.assert_allclose(found[1:], [found[0]] * 2, atol=1e-9)
     assert not _lemke_pivots(M, np.abs(q), np.ones(7)).any()
     assert _lemke_pivots(-np.eye(2), np.array([-1.0, -2.0]), np.ones(2)) is None
+
+
+@pytest.mark.parametrize("pulls, count", [(False, 2 * 3), (True, 2 * 5)])
+def test_neighbours_differ_at_one_node(pulls, count):
+    """In its state or, where contact pulls, the sign of the force that friction goes by."""
+    rng = np.random.default_rng(2)
+    root = rng.standard_normal((4, 5))
+    problem = CoulombProblem(root @ root.T, np.array([1.0, 0.5, 2.0, 0.1]), np.full(2, 0.3),
+                             np.arange(2), pulls)
+    x = problem.load if pulls else lemke(problem)
+    found = [*_neighbours(problem, x), x]
+    away = [np.abs(one - other).max() for k, one in enumerate(found) for other in found[:k]]
+    assert len(found) == count + 1
+    assert pulls or problem.solves(x) and min(away) > 1e-9

@@ -167,12 +167,13 @@ def test_how_nodes_touch():
 
 
 def test_seconds_are_shared_by_the_products_that_were_caused():
-    """Of 10 products 4 in the last step; 3 in iterations after the first, 2 that bounds call for.
+    """Of 10 products 4 in the last step; 3 in iterations after the first, 2 that bounds call for;
+    7 were before.
     """
     log = [(0, 1, 1, "start", 1.0), (4, 1, 1, "cg", 0.1), (5, 1, 2, "expansion", 0.1),
            (6, 1, 2, "cg", 0.1), (6, 2, 1, "start", 0.1), (9, 2, 1, "cg", 0.1),
            (10, 2, 2, "proportioning", 0.1)]
-    found = seconds_of(log, 5.0)
+    found = seconds_of([(7 + product, *others) for product, *others in log], 5.0)
     assert found == pytest.approx({"contact": 1.0, "friction": 1.5, "history": 3.0})
     assert seconds_of([], 5.0) == {"contact": 0.0, "friction": 0.0, "history": 0.0}
 
