@@ -5,12 +5,19 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
 - where linear elements are stiffer than the material: where it hardly changes its volume the loss
   grows like the root of lambda / mu (soundness.py), and coarse meshes approach something else;
 - where the error in the energy norm is large: so many of the coarser meshes are far from the limit;
-- where no adjoint problem holds resultants and displacements: shear on a body that is pressed is
-  then not claimed to less than a part of the pressing force times the square of the error in
-  energy, as both errors of a functional would be, since it may vanish by a symmetry of no mesh;
-- for order three, where quadratic elements have straight sides on a round boundary: a polygon is of
-  second order, and adjoint problems, which smooth stresses, do not see it, so that they hold errors
-  from below alone;
+- where no adjoint problem holds resultants and displacements: the second order of two meshes of
+  quadratic elements or of two cycles is then not taken for granted, and two meshes alone say
+  nothing of shear, which has either sign and agrees by chance;
+- for shear on a body that is pressed: it is not claimed to less than a part of the pressing force
+  times the square of the error in energy, as both errors of a functional would be, since it may
+  vanish by a symmetry of no mesh; a smaller part where an adjoint problem holds it, none where
+  meshes agree but for tolerances, as balance gives it;
+- where pressure grows from mesh to mesh at an end of contact: the order of integrals and of slip is
+  at most what such stresses leave (sharp_ends.py), however fast coarse meshes seem to converge;
+- for order three, where quadratic elements have straight sides on a round boundary, of contact or
+  not: a polygon is of second order, and adjoint problems, which smooth stresses, do not see it, so
+  that they hold errors from below alone;
+- where nothing touches, but does on a coarser mesh, or is nearer to it than displacements err;
 - where pressures are so small beside the mean one as the error in energy is beside the energy, and
   contact may not be there;
 - where all nodes that touch slide one way and it is not sure that they slide: all meshes then have
@@ -25,17 +32,23 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..results.touch import Touch
+from . import sharp_ends
 from .adjoint import held
 from .budget import (CAUTION, SAFETY, UNBOUNDED, Part, extrapolate, formal_order, located)
 
 LOCKED = 2.0  # lambda / mu (Poisson's ratio 1/3) from which linear elements are too stiff
 ROUGH, STEEP = 0.25, 2.0  # relative error in energy from which caution grows, and how fast
-LENGTH = "contact_length"
+LENGTH, PEAK = "contact_length", "peak_pressure"
 SHEAR_FORCE = "tangential_resultant"
 # integrals, which adjoint problems hold where there are any; others hang on places between nodes
 HELD = ("normal_resultant", SHEAR_FORCE, "displacement")
+SHARP = (*HELD, "dissipated_energy", "slip")  # approached no faster than sharp ends leave
 LIGHT = 0.25  # of the relative error in energy, and of the mean pressure
-SHEAR = 0.25  # of the square of the relative error in energy times the pressing force
+# of the square of the relative error in energy times the pressing force, without and with adjoint
+SHEAR, SHEAR_HELD = 0.25, 0.1
+BALANCE = 1e-5  # of the pressing force: what tolerances leave of shear that loads give
+LONE = "two meshes say nothing of it"
+GRAZES = "the mesh is too coarse: it may touch"
 FAST = 2.0  # their order on two meshes of quadratic elements, or of two cycles
 
 
@@ -63,39 +76,64 @@ class Caution:
 
     @classmethod
     def of(cls, problem, touch: Touch, sizes: dict, energy: float = 0.0,
-           adapted: bool = False) -> "Caution":
-        """`energy`: relative error in the energy norm. Collective."""
+           adapted: bool = False, polygons: bool = False) -> "Caution":
+        """`energy`: relative error in the energy norm; `polygons` as of polygons.py. Collective."""
         element = problem.manifest.element
-        chords = element != "P1" and touch.round > 0 and "curved" not in problem.effects
+        polygons |= touch.round > 0 and "curved" not in problem.effects
+        chords = element != "P1" and polygons
         return cls(element, adapted, chords, stiffness(problem), energy, touch, sizes)
 
-    def parts(self, values: dict, runs: list, ratios: list[float], singular) -> dict[str, Part]:
+    def parts(self, values: dict, runs: list, ratios: list[float], singular,
+              touches: list[Touch] = ()) -> dict[str, Part]:
         """Part by quantity from pairs of the values of finer and coarser runs, finest first.
 
-        `singular`: quantities at places where they may be infinite.
+        `singular`: quantities at places where they may be infinite; `touches`: contact on the
+        meshes, finest first.
         """
+        most = np.inf if self.adapted else sharp_ends.order(list(touches), ratios)
         parts = {name: self._part(name, [fine[name] - coarse[name] for fine, coarse in runs],
-                                  ratios, value, name in singular)
+                                  ratios, value, name in singular, most)
                  for name, value in values.items()}
+        if self._grazes(parts, [coarse for _, coarse in runs]):
+            unknown = Part(None, note=GRAZES)
+            return dict.fromkeys(parts, unknown) | {"displacement": parts["displacement"]}
         if LENGTH in values:
             parts[LENGTH] = located(parts[LENGTH], self.touch.lighter(LIGHT * self.energy))
         if SHEAR_FORCE in values:
-            parts[SHEAR_FORCE] = located(parts[SHEAR_FORCE], self._shear(values, parts["slip"]))
+            changes = [abs(fine[SHEAR_FORCE] - coarse[SHEAR_FORCE]) for fine, coarse in runs]
+            parts[SHEAR_FORCE] = self._shear(values, changes, parts)
         return parts
 
-    def _shear(self, values: dict, slip: Part) -> float:
-        """What is open of the shear force, whatever coarser meshes say."""
-        if self.touch.dragged and slip.error is not None and slip.error >= values["slip"]:
-            return abs(values[SHEAR_FORCE])
-        unheld = 0.0 if self.sizes else SHEAR * self.energy**2
-        return unheld * abs(values["normal_resultant"])
+    def _grazes(self, parts: dict, coarser: list[dict]) -> bool:
+        """Whether nothing touches, and something may."""
+        if self.touch.nodes or PEAK not in parts:
+            return False
+        error = parts["displacement"].error
+        return (any(values[PEAK] > 0 for values in coarser)
+                or error is not None and self.touch.apart <= error)
 
-    def _part(self, name: str, changes: list, ratios: list, value: float, singular: bool) -> Part:
+    def _shear(self, values: dict, changes: list[float], parts: dict) -> Part:
+        """Part of the shear force, with what is open of it whatever coarser meshes say."""
+        part, slip, force = parts[SHEAR_FORCE], parts["slip"], abs(values["normal_resultant"])
+        if self.touch.dragged and slip.error is not None and slip.error >= values["slip"]:
+            return located(part, abs(values[SHEAR_FORCE]))
+        if max(changes, default=0.0) <= BALANCE * force:
+            return part
+        if len(changes) == 1 and not self.sizes:
+            return Part(None, note=LONE)
+        return located(part, (SHEAR_HELD if self.sizes else SHEAR) * self.energy**2 * force)
+
+    def _part(self, name: str, changes: list, ratios: list, value: float, singular: bool,
+              most: float) -> Part:
         caution = CAUTION[name] if self.sizes or name not in HELD else SAFETY
-        fast = (self.element != "P1" or self.adapted) and name in HELD
+        fast = (self.element != "P1" or self.adapted) and name in HELD and self.sizes
         caution *= self.stiff * (1 + STEEP * max(0.0, self.energy - ROUGH))
-        part = extrapolate(changes, ratios, formal_order("mesh", self.element, name, self.chords),
-                           value, name not in UNBOUNDED, singular, caution, FAST if fast else 1.0)
+        formal = formal_order("mesh", self.element, name, self.chords,
+                              most if name in SHARP else np.inf)
+        part = extrapolate(changes, ratios, formal, value, name not in UNBOUNDED, singular,
+                           caution, FAST if fast else 1.0)
         slack = np.inf if self.chords else self.stiff  # for what smoothed stresses do not see
-        part = held(name, part, self.sizes.get(name), slack)
+        told = name not in HELD or len(changes) > 1 and changes[0] * changes[1] > 0 and (
+            part.order is not None and part.order > 0)
+        part = held(name, part, self.sizes.get(name), slack, told)
         return located(part, (self.touch.open or {}).get(name, 0.0))

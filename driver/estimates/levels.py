@@ -17,12 +17,14 @@ from ..march.quasistatic import QuasistaticSolver
 from ..options import Settings
 from ..results.record import Record
 from ..results.relinearization import linearized
+from ..results.touch import Touch
 from ..scene import freefem
 from . import jumps, unresolved
 from .between_steps import departures
 from .budget import (OF_TIME, Part, advice, coarser, extrapolate, formal_order, mesh_knob, name_of,
                      ratio, summed)
 from .caution import Caution
+from .polygons import stand_for_curves
 
 # a loose fixed point may stop where a much tighter one does: the companion's is this at most
 SETTLED = 1e-7
@@ -63,6 +65,11 @@ class Level:
     steps: list  # its `Step`s
     seconds: float  # of these
     declared: int  # steps of the history, with one cycle where it is repeated
+
+    @property
+    def touch(self) -> Touch:
+        """Contact at the step of the values; collective."""
+        return self.record.touch(self.at)
 
     @property
     def singular(self) -> tuple[str, ...]:
@@ -178,15 +185,18 @@ class Companions:
     """Runs beside one run, and what each part of its error follows from."""
 
     def __init__(self, levels: Levels, problem: Problem, settings: Settings, record: Record,
-                 sizes: dict, energy: dict | None = None):
-        """`record` of the run of `problem` with `settings`; `sizes` as of adjoint.assess, `energy`
-        the entry of energy.report.
+                 sizes: dict, energy: dict | None = None, smoothed: float | None = None):
+        """`record` of the run of `problem` with `settings`; `sizes` and `smoothed` as of
+        adjoint.assess, `energy` the entry of energy.report.
         """
         self.values, self.at = record.quantities()
         self.singular, touch = record.singular_places(), record.touch(self.at)
         error, element = unresolved.energy_error(energy), problem.manifest.element
-        self.caution = Caution.of(problem, touch, sizes, error, bool(levels.cycles))
-        self.unresolved = unresolved.parts(self.values, error, touch, element, bool(sizes))
+        self.caution = Caution.of(problem, touch, sizes, error, bool(levels.cycles),
+                                  stand_for_curves(problem))
+        last = self.at == problem.manifest.steps - 1
+        self.unresolved = unresolved.parts(self.values, error, touch, element, bool(sizes),
+                                           last and unresolved.blind(energy, smoothed))
         self.levels, self.manifest, self.settings = levels, problem.manifest, settings
         self.effects = problem.effects
         # cycles skipped after each computed one, where any were
@@ -290,7 +300,9 @@ class Companions:
         if len(self.meshes) > 2:
             runs.append([self._values(mesh, self.stride(2)) for mesh in self.meshes[1:]])
         good = _whole(runs)
-        parts = self.caution.parts(self.values, good, self.ratios, self.singular)
+        touches = [self.caution.touch, *(self.level(mesh, stride).touch for mesh, stride, _ in zip(
+            self.meshes[1:], (1, self.stride(2)), good))]
+        parts = self.caution.parts(self.values, good, self.ratios, self.singular, touches)
         value, part = self.values["displacement"], parts["displacement"]
         unseen = part.error is not None and part.error <= ROUNDING * value
         if unseen and self.meshes[0] != self.base:

@@ -137,8 +137,9 @@ class Summary:
         "energy": "in the energy norm: kind, step, parts, total, norm, relative, largest, excluded",
         "quantities": "budget of every quantity: value, its parts, total, relative",
         "advice": "what would lower the largest part", "notes": "companions that could not be run",
-        "adjoint": "quantities with an adjoint problem and the products with the dual matrix that "
-                   "all took, or the reason why there are none",
+        "adjoint": "quantities with an adjoint problem, the products with the dual matrix that "
+                   "all took, the step's error in energy by smoothed stresses (smoothed), or the "
+                   "reason why there are none",
         "prices": "of QUANTITY: its error now, and lines with accuracy, settings, predicted "
                   "seconds, seconds_bare (without estimates), memory_mib, and what other kinds of "
                   "meshes would take; or the reason why there are none"})

@@ -23,6 +23,9 @@ class Touch:
     open: dict = None  # what nodes leave open by quantity
     pressure: np.ndarray = field(default_factory=lambda: np.zeros(0))  # of those that touch
     length: np.ndarray = field(default_factory=lambda: np.zeros(0))  # of their boundary
+    # (k, 3) of the ends of boundaries: place, pressure over the mean one of those that touch
+    ends: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    apart: float = np.inf  # least opening, where none touches
 
     @classmethod
     def of(cls, nodes: dict, steps: dict, index: int, pressing_round: int) -> "Touch":
@@ -32,8 +35,16 @@ class Touch:
         force = steps["sigma_t"][index] * nodes["weight"]
         one_way = abs(force.sum()) > ONE_WAY * np.abs(force).sum()
         length = nodes.get("length", nodes["weight"])[closed]
+        pressure = -steps["sigma_n"][index]
+        mean = pressure[closed] @ length / max(length.sum(), 1e-300)
+        ends = [end for piece in chains(nodes) if not is_ring(nodes, piece)
+                for end in dict.fromkeys(piece[[0, -1]].tolist())]
+        gap = steps["gap"][index] if "gap" in steps else nodes["gap"]
+        apart = (gap - steps["u_n"][index]).min(initial=np.inf, where=not closed.any())
         return cls(int(closed.sum()), pressing_round, bool(sliding and one_way),
-                   between_nodes(nodes, steps, index), -steps["sigma_n"][index][closed], length)
+                   between_nodes(nodes, steps, index), pressure[closed], length,
+                   np.column_stack([nodes["xy"][ends], pressure[ends] / (mean or 1.0)]),
+                   float(apart))
 
     def lighter(self, part: float) -> float:
         """Length of contact whose pressure is below a part of the mean one."""
@@ -48,7 +59,8 @@ def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
     Where contact ends between two nodes the place is known to a part of the edge, and where
     pressure falls steeply towards an end of the boundary contact may end before it. The largest
     slip may be elsewhere by as much as it differs from that of the next nodes in contact. All but
-    the first where FEW nodes are in contact; where there are more by less in proportion.
+    the first where FEW nodes are in contact; where there are more by less in proportion: of slip
+    where more have slid, as it is zero wherever all stick.
     """
     closed, clamped, edges, apart = steps["status"][index] != OPEN, 0.0, [], 0.0
     sliding = steps["status"][: index + 1] == SLIP
@@ -62,7 +74,7 @@ def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
         near = piece[(np.abs(piece - top) <= 1) & closed[piece]]
         if top in piece and len(near):
             apart = float(np.abs(way[near] - way[top]).max())
-            apart *= min(1.0, FEW / np.count_nonzero(closed[piece]))
+            apart *= min(1.0, FEW / max(1, np.count_nonzero(sliding[:, piece].any(axis=0))))
     share = min(1.0, FEW / max(1, np.count_nonzero(closed)))
     ends = EDGE * share * float(np.linalg.norm(edges))
     return {"contact_length": max(clamped, ends), "slip": apart}

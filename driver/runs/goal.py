@@ -31,6 +31,7 @@ from ..estimates import adjoint
 from ..estimates.budget import (FORMAL, SOURCES, Part, extrapolate, finer, formal_order,
                                 main_quantity, mesh_knob, name_of, ratio, share, summed, vanishing)
 from ..estimates.caution import Caution
+from ..estimates.polygons import stand_for_curves
 from ..estimates.torn_body import Gather, gather_body
 
 COARSENING = (8, 4, 2, 1)  # of the scene's own mesh, for the first one that can be had
@@ -217,12 +218,14 @@ class Search:
         """Budget of the quantity on the finest mesh."""
         sizes = self.sizes[:-4:-1]
         runs = [self._values(size) for size in sizes]
-        finest = self._level(sizes[0])
+        levels = [self._level(size) for size in sizes]
+        finest, touches = levels[0], [level.touch for level in levels]
         ratios = [ratio(self.knob, b, a) for a, b in zip(sizes, sizes[1:])]
-        caution = Caution.of(self.levels.problem(**self.mesh(sizes[0])),
-                             finest.record.touch(finest.at), self._adjoint(sizes[0], finest))
+        problem = self.levels.problem(**self.mesh(sizes[0]))
+        caution = Caution.of(problem, touches[0], self._adjoint(sizes[0], finest),
+                             polygons=stand_for_curves(problem))
         self.parts["mesh"] = caution.parts(runs[0], list(zip(runs, runs[1:])), ratios,
-                                           finest.singular)
+                                           finest.singular, touches)
         return self.budget()[self.name]
 
     def _adjoint(self, size, level) -> dict:

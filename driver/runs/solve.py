@@ -302,7 +302,8 @@ def _budget(errors: dict, directory: Path, request: Request, problem: Problem, w
     step = next((step for step, _ in estimator.considered if step.index == at + 1), None)
     try:
         sizes, said = adjoint.assess(problem, record, step, values, lambda: estimator.body)
-        companions = Companions(levels, problem, settings, record, sizes, errors["energy"])
+        companions = Companions(levels, problem, settings, record, sizes, errors["energy"],
+                                said.get("smoothed"))
         parts = assess(errors, companions)
         errors["adjoint"] = said
         errors["energy"] |= of_time(errors["quantities"], errors["energy"])

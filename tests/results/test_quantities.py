@@ -72,6 +72,26 @@ def test_what_nodes_leave_open():
     assert touch.between_nodes(nodes, steps, 0)["contact_length"] == 0.0
 
 
+def test_slip_is_resolved_by_the_nodes_that_slide():
+    """Twenty touch; of two that slide one or the next has the largest slip, of twelve some do."""
+    x = np.arange(20.0)
+    for sliding, share in ((2, 1.0), (12, touch.FEW / 12)):
+        slip = np.where(x < sliding, 1.0 + x[::-1], 0.0)
+        nodes, steps = line(x, x >= 0, 1 + 0 * x, 0 * x, slip=slip,
+                            status=np.where(x < sliding, SLIP, STICK))
+        assert touch.between_nodes(nodes, steps, 0)["slip"] == pytest.approx(share)
+
+
+def test_what_touches_nowhere_is_apart():
+    """By the least opening; contact is not."""
+    x = np.arange(6.0)
+    opening = 1.0 + 0.1 * x
+    nodes, steps = line(x, x < 0, 0 * x, opening, status=np.full(6, OPEN))
+    assert touch.Touch.of(nodes, steps, 0, 0).apart == pytest.approx(1.0)
+    nodes, steps = line(x, x >= 0, 1 + 0 * x, 0 * x)
+    assert touch.Touch.of(nodes, steps, 0, 0).apart == np.inf
+
+
 def test_many_nodes_leave_less_open():
     """The place of an edge, and how far slip may be elsewhere, fall with the number of nodes beyond
     FEW; below it they are what they are.

@@ -1,0 +1,46 @@
+"""How pressure grows under refinement at the ends of contact, and what order that leaves.
+
+At an end of contact under an edge, beside a clamped corner, or where friction pushes a body into
+its support, stresses grow like r^-a with the distance r; elements of size h see h^-a. Their error
+in the energy norm is that of the disc about the end which they do not resolve,
+
+    ||d_u||^2 ~ int_0^h r^-2a r dr ~ h^(2 (1 - a)),
+
+and that of a functional, int d_u : C^-1 d_z with the error d_z of its adjoint problem, whose
+contact acts at the same ends and whose stresses have the same exponent there, is of this order
+too: of the order 1.1 for a = 0.45, whatever the degree of the elements (Grisvard, Elliptic
+Problems in Nonsmooth Domains, 1985; Babuska, Suri, SIAM Review 36 (1994) 578-632). Coarse meshes
+err by other things that fall faster, and show orders of 2 and more.
+
+Adaptive meshes are graded towards such places, which restores the order.
+"""
+
+import numpy as np
+
+from ..results.touch import Touch
+
+PRESSES = 1.0  # pressure at an end over the mean one from which it counts
+LEAST, MOST = 0.1, 0.9  # exponents: pressures that approach a limit may grow as fast as by less;
+# of finite energy are those below 1
+
+
+def growth(fine: Touch, coarse: Touch, ratio: float) -> float:
+    """Largest exponent by which pressure at an end grows from a mesh to that `ratio` times finer.
+    """
+    found = [0.0]
+    for x, y, pressure in fine.ends if len(coarse.ends) else ():
+        near = np.hypot(coarse.ends[:, 0] - x, coarse.ends[:, 1] - y).argmin()
+        before = coarse.ends[near, 2]
+        if min(pressure, before) > PRESSES:
+            found.append(np.log(pressure / before) / np.log(ratio))
+    return float(min(max(found), MOST))
+
+
+def order(touches: list[Touch], ratios: list[float]) -> float:
+    """Order that functionals have at most, from contact on meshes, finest first; inf if unknown.
+
+    Growth counts that goes on from mesh to mesh: once it may be contact that moves.
+    """
+    exponents = [growth(fine, coarse, r) for fine, coarse, r in zip(touches, touches[1:], ratios)]
+    least = min(exponents, default=0.0)
+    return 2 * (1 - least) if least > LEAST else np.inf

@@ -1,0 +1,45 @@
+"""Pressure that grows from mesh to mesh at ends of contact, and the order that it leaves."""
+
+import numpy as np
+import pytest
+
+from driver.contact.states import STICK
+from driver.estimates import sharp_ends
+from driver.results.touch import Touch
+
+
+def touch(size, exponent, far=2.0, length=10.0, moved=0.0):
+    """Contact on nodes of a `size` apart, whose pressure at the left end is that of r^-exponent on
+    average over half an edge, beside 1 elsewhere and `far` at the right end.
+    """
+    x = np.arange(0.0, length + size / 2, size)
+    pressure = np.ones(len(x))
+    pressure[0], pressure[-1] = 3 * size**-exponent, far
+    weight = np.full(len(x), size)
+    weight[[0, -1]] /= 2
+    nodes = {"xy": np.column_stack([x + moved, 0 * x]), "arc": x, "weight": weight, "gap": 0 * x,
+             "chain": np.ones(len(x), int), "paired": np.zeros(len(x), bool),
+             "middle": np.zeros(len(x), bool), "mirrored": np.zeros(len(x), bool)}
+    steps = {"u_n": 0 * x, "slip": 0 * x, "sigma_n": -pressure, "sigma_t": 0 * x,
+             "status": np.full(len(x), STICK)}
+    return Touch.of(nodes, {name: column[None] for name, column in steps.items()}, 0, 0)
+
+
+@pytest.mark.parametrize("exponent", [0.2, 0.45, 0.75])
+def test_functionals_are_approached_by_twice_what_the_exponent_leaves(exponent):
+    """Mean pressures differ a little; the place of the end may, as beside a clamped node."""
+    meshes = [touch(0.005, exponent), touch(0.01, exponent, moved=0.01),
+              touch(0.02, exponent, moved=0.02)]
+    assert sharp_ends.order(meshes, [2.0, 2.0]) == pytest.approx(2 * (1 - exponent), abs=0.06)
+
+
+def test_growth_that_does_not_go_on_is_none():
+    """Nor is that of a small pressure, or what falls; a single mesh knows nothing."""
+    sharp = [touch(h, 0.5) for h in (0.005, 0.01, 0.02)]
+    assert sharp_ends.order(sharp[:1], [2.0]) == np.inf
+    assert sharp_ends.order([sharp[0], sharp[1], touch(0.02, 0.7)], [2.0, 2.0]) == np.inf
+    still = [touch(h, 0.0, far) for h, far in ((0.005, 0.9), (0.01, 0.3), (0.02, 0.1))]
+    assert sharp_ends.order(still, [2.0, 2.0]) == np.inf
+    assert sharp_ends.order([Touch(open={}), Touch(open={})], [2.0]) == np.inf
+    steep = [touch(h, 1.5) for h in (0.005, 0.01, 0.02)]
+    assert sharp_ends.order(steep, [2.0, 2.0]) == pytest.approx(2 * (1 - sharp_ends.MOST))
