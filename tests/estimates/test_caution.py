@@ -103,7 +103,7 @@ def test_friction_at_its_bound_is_not_sure_where_sliding_is_not():
     assert found["tangential_resultant"].error < 0.01
 
 
-def test_shear_may_be_that_of_the_mesh():
+def test_shear_that_no_adjoint_problem_holds_may_be_that_of_the_mesh():
     """Not less than the error in energy, squared, makes of the pressing force: less of it where an
     adjoint problem holds the shear, nothing where the loads give it and meshes agree on it.
     """
