@@ -33,17 +33,18 @@ def parts(values: dict, error: float, touch: Touch, element: str, adjoint: bool,
     """Parts without an error, of those quantities in `values` of which the mesh tells none.
 
     Where contact opens and slips between its few nodes coarser meshes may agree by chance; of
-    displacements equilibrium sees the whole body's error, of resultants `adjoint` problems if there
-    are any, but of a round boundary a node or two that carry all have one direction. `error`: of
-    energy_error.
+    displacements and resultants `adjoint` problems see the whole body's error if there are any,
+    but of a round boundary a node or two that carry all have one direction. `error`: of
+    energy_error; `unseen`: these problems are blind.
     """
-    reason, spared = "", OF_BODIES if adjoint else OF_BODIES[-1:]
+    reason, spared = "", OF_BODIES if adjoint else ()
     if error > COARSE:
         reason = f"its error in the energy norm is {100 * error:.0f} %"
     if 0 < touch.nodes < FEWEST.get(element, QUADRATIC):
         reason = f"{touch.nodes} nodes are in contact"
     if 0 < touch.round < PRESSING:
-        reason, spared = "a node or two of a round boundary carry all", OF_BODIES[-1:]
+        reason = "a node or two of a round boundary carry all"
+        spared = OF_BODIES[-1:] if adjoint else ()
     if unseen:
         reason, spared = "smoothed stresses miss most of its error in energy", OF_BODIES[-1:]
     names = [name for name in values if reason and name not in spared]
