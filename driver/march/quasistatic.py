@@ -293,11 +293,10 @@ class QuasistaticSolver:
         stiffness jumps what a bound of rounding admits will do if that fails. Raises Unfinished.
         """
         op, qp, settings, best, stop = self.operator, self.qp, self.settings, np.inf, None
-        find, rounded, again = self.corners.find, None, False
-        of_qp = of_friction = 1.0  # parts of the tolerances
+        find, rounded, again, why = self.corners.find, None, False, None
         motion, first = load.weights[op.structure.patterns :].copy(), (x, gradient, sliding)
-        if self.largest_friction:
-            of_qp = of_friction = outlook.foresight(self.loads, index)
+        # parts of the tolerances
+        of_qp = of_friction = outlook.foresight(self.loads, index) if self.largest_friction else 1.0
         while True:
             qp.aim(of_qp)
             try:
@@ -314,6 +313,7 @@ class QuasistaticSolver:
                 settles = op.modes > 0 and self.bodies.imbalance(load, failed.x) <= NEARLY
                 again = find != self.fixed_point.condensed and qp.hides(failed.x)
                 if failed.final or of_qp == 1.0 and not (settles or again):
+                    failed.error = failed.error if failed.final or not why else why
                     raise
                 x, gradient, stop = failed.x, failed.gradient, failed.error  # it may do
                 sliding = self.rows.sliding(x, self.rows.friction_bound(x))
@@ -342,7 +342,7 @@ class QuasistaticSolver:
                 return self._back(load, *rounded)
             if stop and again:  # friction that jams hides the loads in its forces' rounding
                 x, gradient, sliding = self._back(load, motion, first)
-                find, best, stop = self.fixed_point.condensed, np.inf, None
+                find, best, stop, why = self.fixed_point.condensed, np.inf, None, stop
                 of_qp = of_friction = 1.0
                 continue
             if isinstance(stop, NoSolution):

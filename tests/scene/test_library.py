@@ -10,6 +10,8 @@ from driver.scene import declarations
 HEAD = """
 load "bfstream"
 string sizeField = "";
+bool outlineIsFiner = false;
+int outlineFiner = 4;
 int[int] libCurvedLabels = [1];
 macro quadraticElement() 1 //
 include "speck.idp"
