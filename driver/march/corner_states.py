@@ -22,6 +22,16 @@ class CornerStates:
 
         Raises Unfinished.
         """
+        return self._settled(self.fixed_point.find, index, load, x, gradient, sliding, trace, rtol)
+
+    def condensed(self, index: int, load: Load, x, gradient, sliding, trace: Trace, rtol: float):
+        """As FixedPoint.condensed, likewise."""
+        return self._settled(self.fixed_point.condensed, index, load, x, gradient, sliding, trace,
+                             rtol)
+
+    def _settled(self, solve, index: int, load: Load, x, gradient, sliding, trace: Trace,
+                 rtol: float):
+        """What `solve`, a method of FixedPoint, finds in states that no condition refutes."""
         if self.index != index:
             if self.index == 0:  # a preload may have changed states
                 self.fixed_point.condensation.select()
@@ -31,8 +41,7 @@ class CornerStates:
         while True:
             failure = None
             try:
-                x, gradient, sliding = self.fixed_point.find(index, load, x, gradient, sliding,
-                                                             trace, rtol)
+                x, gradient, sliding = solve(index, load, x, gradient, sliding, trace, rtol)
             except Unfinished as problem:  # perhaps for want of friction where a side is open
                 failure, x, gradient = problem, problem.x, problem.gradient
             if not self.corners.switch(x, gradient, self.fixed_point.rows, self.qp.scale,
@@ -42,6 +51,8 @@ class CornerStates:
                     if self.others is None:
                         self.others = self.corners.others()
                     if not self.others:
+                        # residuals do not see what wrong states leave out
+                        failure.final = failure.final or bool(self.corners.undecided.any())
                         raise failure
                     self.corners.begin_step()
                     self.corners.acting = self.others.pop(0)

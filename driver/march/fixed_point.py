@@ -169,6 +169,7 @@ class FixedPoint:
             failed = solution = None
             # those before may have left bodies far away, whose rounding hides small forces
             self.bodies.shift(load, motion - load.weights[patterns:])
+            load.forget()
             try:
                 solution = method(index, load, x, trace)
             except Unfinished as problem:  # a QP with bounds that are those of no solution

@@ -311,7 +311,7 @@ class QuasistaticSolver:
                 if rounded is not None:
                     return self._back(load, *rounded)
                 settles = op.modes > 0 and self.bodies.imbalance(load, failed.x) <= NEARLY
-                again = find != self.fixed_point.condensed and qp.hides(failed.x)
+                again = find != self.corners.condensed and qp.hides(failed.x)
                 if failed.final or of_qp == 1.0 and not (settles or again):
                     failed.error = failed.error if failed.final or not why else why
                     raise
@@ -342,14 +342,14 @@ class QuasistaticSolver:
                 return self._back(load, *rounded)
             if stop and again:  # friction that jams hides the loads in its forces' rounding
                 x, gradient, sliding = self._back(load, motion, first)
-                find, best, stop, why = self.fixed_point.condensed, np.inf, None, stop
+                find, best, stop, why = self.corners.condensed, np.inf, None, stop
                 of_qp = of_friction = 1.0
                 continue
             if isinstance(stop, NoSolution):
                 raise Unfinished(stop, x, gradient)
             if stop or idle and of_qp <= LAST_PART and of_friction <= LAST_FRICTION:
-                if not stop and find != self.fixed_point.condensed:
-                    find = self.fixed_point.condensed
+                if not stop and find != self.corners.condensed:
+                    find = self.corners.condensed
                     continue
                 raise Unfinished(NotConverged(
                     f"{step_name(index)}: the {name} residual stays at {residuals[name]:.1e}, "

@@ -56,6 +56,10 @@ class Load:
     def __post_init__(self):
         self.start = self.weights.copy(), self.d.copy()
 
+    def forget(self) -> None:
+        """Bodies are back, and nothing is kept that was found while they were elsewhere."""
+        self.farthest = float(np.abs(self.d - self.start[1]).max(initial=0.0))
+
     def widen(self, change: np.ndarray) -> None:
         """Add `change` (owned,) to d, where gaps get smaller by it; bodies stay where they are."""
         self.d = self.d + change

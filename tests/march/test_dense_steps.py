@@ -197,8 +197,8 @@ def solver(find, residuals, **more) -> QuasistaticSolver:
     s = object.__new__(QuasistaticSolver)
     s.operator, s.rows, s.qp, s.settings = of.operator, of.rows, of.qp, of.qp.settings
     s.bodies, s.slip, s.scales = of.bodies, of.slip, of.qp.scales
-    s.fixed_point = SimpleNamespace(condensed="condensed")
-    s.corners, s.loads, s.largest_friction = SimpleNamespace(find=find), [1.0, 1.0], 0.3
+    s.corners = SimpleNamespace(find=find, condensed="condensed")
+    s.loads, s.largest_friction = [1.0, 1.0], 0.3
     s.residuals = Residuals(of.qp, of.bodies, of.slip)
     s.residuals.of = lambda *given, **kinds: {"gluing": 0.0, "penetration": 0.0} | next(said)
     s.residuals.faded = lambda x: False
