@@ -244,7 +244,7 @@ def test_what_stays_too_large_is_said():
         tried.append(given[-1])
         return found(*given)
 
-    s.fixed_point = SimpleNamespace(condensed=condensed)
+    s.corners.condensed = condensed
     with pytest.raises(Unfinished, match="the cone residual stays at 5.0e-01, above the"):
         earned(s)
     assert tried and len(found.asked) > len(tried)
@@ -474,3 +474,13 @@ def test_a_trace_that_begins_again_knows_its_iterations_alone():
     trace = Trace(5, [1.0, 0.5], True, True)
     trace.again()
     assert trace == Trace(5)
+
+
+def test_bodies_that_are_back_leave_no_trace_of_where_they_went():
+    """Of a way of 1e14 there and back d keeps nothing, and what it is good to is that of its place.
+    """
+    load = Load(np.zeros(1), np.array([1.0, -2.0]), 1.0)
+    load.move([np.array([1.0, 0.5])], np.array([1e14]))
+    load.move([np.array([1.0, 0.5])], np.array([0.25 - 1e14]))
+    load.forget()
+    assert load.farthest == pytest.approx(0.25) and load.d == pytest.approx([1.25, -1.875])
