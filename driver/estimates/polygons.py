@@ -9,6 +9,7 @@ element, and in no stress of the polygon: neither smoothed stresses nor adjoint 
 import numpy as np
 
 from ..feti.gathering import gather, joined
+from ..scene.elements import cross
 
 FLAT, CORNER = np.radians(0.1), np.radians(80)  # turning of a straight side's vertices, of corners
 ALIKE = 3.0
@@ -41,8 +42,7 @@ def _is_curve(place: np.ndarray, edges: np.ndarray) -> bool:
         return False
     other = [edges[k].sum(axis=1) - at for k in (first, second)]
     before, after = place[at] - place[other[0]], place[other[1]] - place[at]
-    turn = np.abs(np.arctan2(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0],
-                             (before * after).sum(axis=1)))
+    turn = np.abs(np.arctan2(cross(before, after), (before * after).sum(axis=1)))
     of_vertex = np.zeros(len(place))
     of_vertex[at] = np.where(turn < CORNER, turn, 0.0)
     beside = np.maximum(of_vertex[other[0]], of_vertex[other[1]])

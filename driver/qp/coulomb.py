@@ -322,10 +322,7 @@ class StateSystem:
         pivots = np.abs(np.diag(self.factor))
         if not len(pivots) or pivots.min() > SINGULAR * pivots.max() and not self.dependent:
             return None
-        matrix = (np.tril(self.factor, -1) + np.eye(len(pivots))) @ np.triu(self.factor)
-        for row, other in reversed(list(enumerate(self.pivots))):
-            matrix[[row, other]] = matrix[[other, row]]
-        right = self._right(load, balance)
+        matrix, right = self.matrix, self._right(load, balance)
         left, sizes, basis = np.linalg.svd(matrix)
         kept = sizes > SINGULAR * sizes[0]
         nearest = basis[kept].T @ ((left.T @ right)[kept] / sizes[kept])

@@ -11,8 +11,8 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from ..environment import PLAIN_PROGRAM, silenced
-from .branching import BRIEFLY, MOST_NODES, Scaled
-from .complementarity import newton
+from .branching import MOST_NODES, Scaled
+from .complementarity import BRIEFLY, newton
 from .coulomb import CoulombProblem
 
 LIMITS = (5.0, 50.0)  # of forces and ways, times those that the load makes
