@@ -4,6 +4,8 @@ import copy
 
 import numpy as np
 
+from .motions import unresisted
+
 
 class OracleFailure(AssertionError):
     """The oracle's own answer does not pass its check: it says nothing about another answer."""
@@ -169,10 +171,7 @@ class Assembled:
                 kernel = null_space(rigid[supported], rcond=1e-10)
             free = rigid @ kernel
             free[held] = 0.0  # not by rounding either
-            resisted = (self.K @ free) / np.abs(self.K.diagonal()).max()
-            if np.abs(resisted).max(initial=0) > 1e-10:  # by springs, not by rounding
-                free = free @ null_space(resisted, rcond=1e-10)
-            columns.append(free)
+            columns.append(free @ unresisted(self.K, free))
         return np.hstack(columns)
 
     def _collect_contact(self, names, subdomains, curved):

@@ -298,7 +298,7 @@ class QuasistaticSolver:
         # parts of the tolerances
         of_qp = of_friction = outlook.foresight(self.loads, index) if self.largest_friction else 1.0
         while True:
-            qp.aim(of_qp)
+            qp.aim(of_qp, x)
             try:
                 x, gradient, sliding = find(index, load, x, gradient, sliding, trace,
                                             max(of_friction * settings.friction_rtol, ROUNDED))

@@ -101,7 +101,8 @@ class Residuals:
         way = -self.operator.minimum(-max(load.travel, load.farthest))
         least = np.full(self.operator.levels, CANCELLED * load.extent / self.qp.softest[0])
         if len(least) > 1:
-            rounded = 0.0 if exact else ROUNDED * self.qp.largest(x)
+            # that of a product, as it is: sums in subdomains may be larger than what comes of them
+            rounded = 0.0 if exact else max(ROUNDED * self.qp.largest(x), self.qp.rounded(x))
             least[1:] = rounded / self.qp.softest[1:] / self.asked("penetration")
         return np.maximum(least, TRAVELLED * way)
 

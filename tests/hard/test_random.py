@@ -17,6 +17,7 @@ from driver.hard import (deformations, generator, judgement, laws, programs, ran
                          sensitivity, states, suite)
 from driver.qp import complementarity
 from driver.qp.coulomb import CoulombProblem
+from driver.hard.motions import unresisted
 from driver.hard.shapes import block, disc, lattice, split, with_hole, with_slit
 
 SEED = 3007  # the scenes of the default tests begin here
