@@ -34,7 +34,7 @@ import numpy as np
 from ..results.touch import Touch
 from . import sharp_ends
 from .adjoint import held
-from .budget import (CAUTION, SAFETY, UNBOUNDED, Part, extrapolate, formal_order, located)
+from .budget import (CAUTION, FIRST, SAFETY, UNBOUNDED, Part, extrapolate, formal_order, located)
 
 LOCKED = 2.0  # lambda / mu (Poisson's ratio 1/3) from which linear elements are too stiff
 ROUGH, STEEP = 0.25, 2.0  # relative error in energy from which caution grows, and how fast
@@ -123,17 +123,28 @@ class Caution:
             return Part(None, note=LONE)
         return located(part, (SHEAR_HELD if self.sizes else SHEAR) * self.energy**2 * force)
 
+    def _doubted(self, part: Part, first: bool) -> Part:
+        """A part with what the mesh itself leaves in doubt; `first`: meshes tell the first order.
+
+        Elements that are too stiff have errors that hardly fall until they are fine enough; an
+        order tells that they are, and differences have the loss in them.
+        """
+        rough = 1 + STEEP * max(0.0, self.energy - ROUGH)
+        error = part.error and part.error * rough * (1.0 if first else self.stiff)
+        return Part(error, part.order, part.note, part.rate)
+
     def _part(self, name: str, changes: list, ratios: list, value: float, singular: bool,
               most: float) -> Part:
         caution = CAUTION[name] if self.sizes or name not in HELD else SAFETY
         fast = (self.element != "P1" or self.adapted) and name in HELD and self.sizes
-        caution *= self.stiff * (1 + STEEP * max(0.0, self.energy - ROUGH))
         formal = formal_order("mesh", self.element, name, self.chords,
                               most if name in SHARP else np.inf)
         part = extrapolate(changes, ratios, formal, value, name not in UNBOUNDED, singular,
                            caution, FAST if fast else 1.0)
+        falls = len(changes) > 1 and changes[0] * changes[1] > 0
+        told = falls and part.order is not None and part.order > 0
+        part = self._doubted(part, falls and told and part.order >= FIRST)
         slack = np.inf if self.chords else self.stiff  # for what smoothed stresses do not see
-        told = name not in HELD or len(changes) > 1 and changes[0] * changes[1] > 0 and (
-            part.order is not None and part.order > 0)
+        told |= name not in HELD
         part = held(name, part, self.sizes.get(name), slack, told)
         return located(part, (self.touch.open or {}).get(name, 0.0))
