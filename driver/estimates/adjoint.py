@@ -88,7 +88,7 @@ def held(name: str, part: Part, sizes: Sizes | None, slack: float = 1.0,
         concentrated = sizes.product > ALIKE * sizes.gross
         least, most = 0.0, PEAK * sizes.gross if concentrated else np.inf
     elif not told:
-        least = most = alone
+        least, most = alone, alone / slack if np.isfinite(slack) else np.inf
     error = float(max(min(part.error, slack * most), least))
     return Part(error, part.order, part.note, part.rate)
 

@@ -34,7 +34,7 @@ import numpy as np
 from ..results.touch import Touch
 from . import sharp_ends
 from .adjoint import held
-from .budget import (CAUTION, FIRST, SAFETY, UNBOUNDED, Part, extrapolate, formal_order, located)
+from .budget import (CAUTION, SAFETY, UNBOUNDED, Part, extrapolate, formal_order, located)
 
 LOCKED = 2.0  # lambda / mu (Poisson's ratio 1/3) from which linear elements are too stiff
 ROUGH, STEEP = 0.25, 2.0  # relative error in energy from which caution grows, and how fast
@@ -45,7 +45,7 @@ HELD = ("normal_resultant", SHEAR_FORCE, "displacement")
 SHARP = (*HELD, "dissipated_energy", "slip")  # approached no faster than sharp ends leave
 LIGHT = 0.25  # of the relative error in energy, and of the mean pressure
 # of the square of the relative error in energy times the pressing force, without and with adjoint
-SHEAR, SHEAR_HELD = 0.25, 0.1
+SHEAR, SHEAR_HELD = 0.25, 0.0
 BALANCE = 1e-5  # of the pressing force: what tolerances leave of shear that loads give
 LONE = "two meshes say nothing of it"
 GRAZES = "the mesh is too coarse: it may touch"
@@ -123,14 +123,14 @@ class Caution:
             return Part(None, note=LONE)
         return located(part, (SHEAR_HELD if self.sizes else SHEAR) * self.energy**2 * force)
 
-    def _doubted(self, part: Part, first: bool) -> Part:
-        """A part with what the mesh itself leaves in doubt; `first`: meshes tell the first order.
+    def _doubted(self, part: Part, told: bool) -> Part:
+        """A part with what the mesh itself leaves in doubt; `told`: meshes tell an order.
 
-        Elements that are too stiff have errors that hardly fall until they are fine enough; an
-        order tells that they are, and differences have the loss in them.
+        Errors of elements that are too stiff hardly fall until these are fine enough; where an
+        order is observed, however slow, it has the loss in it.
         """
         rough = 1 + STEEP * max(0.0, self.energy - ROUGH)
-        error = part.error and part.error * rough * (1.0 if first else self.stiff)
+        error = part.error and part.error * rough * (1.0 if told else self.stiff)
         return Part(error, part.order, part.note, part.rate)
 
     def _part(self, name: str, changes: list, ratios: list, value: float, singular: bool,
@@ -142,8 +142,8 @@ class Caution:
         part = extrapolate(changes, ratios, formal, value, name not in UNBOUNDED, singular,
                            caution, FAST if fast else 1.0)
         falls = len(changes) > 1 and changes[0] * changes[1] > 0
-        told = falls and part.order is not None and part.order > 0
-        part = self._doubted(part, falls and told and part.order >= FIRST)
+        told = falls and part.order is not None and 0 < part.order <= formal
+        part = self._doubted(part, told)
         slack = np.inf if self.chords else self.stiff  # for what smoothed stresses do not see
         told |= name not in HELD
         part = held(name, part, self.sizes.get(name), slack, told)
