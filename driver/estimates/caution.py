@@ -39,14 +39,13 @@ from .budget import (CAUTION, SAFETY, UNBOUNDED, Part, extrapolate, formal_order
 LOCKED = 2.0  # lambda / mu (Poisson's ratio 1/3) from which linear elements are too stiff
 ROUGH, STEEP = 0.25, 2.0  # relative error in energy from which caution grows, and how fast
 LENGTH, PEAK = "contact_length", "peak_pressure"
-SHEAR_FORCE = "tangential_resultant"
+SHEAR_FORCE, WORK = "tangential_resultant", "dissipated_energy"
 # integrals, which adjoint problems hold where there are any; others hang on places between nodes
 HELD = ("normal_resultant", SHEAR_FORCE, "displacement")
-SHARP = (*HELD, "dissipated_energy", "slip")  # approached no faster than sharp ends leave
+SHARP = (*HELD, WORK, "slip")  # approached no faster than sharp ends leave
 LIGHT = 0.25  # of the relative error in energy, and of the mean pressure
-# of the square of the relative error in energy times the pressing force, without and with adjoint
-SHEAR, SHEAR_HELD = 0.25, 0.0
-BALANCE = 1e-5  # of the pressing force: what tolerances leave of shear that loads give
+SHEAR = 0.25  # of the square of the relative error in energy times the pressing force
+BALANCE = 1e-5  # of the pressing force: what tolerances leave of forces that loads give
 LONE = "two meshes say nothing of it"
 GRAZES = "the mesh is too coarse: it may touch"
 FAST = 2.0  # their order on two meshes of quadratic elements, or of two cycles
@@ -102,6 +101,8 @@ class Caution:
         if SHEAR_FORCE in values:
             changes = [abs(fine[SHEAR_FORCE] - coarse[SHEAR_FORCE]) for fine, coarse in runs]
             parts[SHEAR_FORCE] = self._shear(values, changes, parts)
+        if WORK in values and _unsure(values, parts):
+            parts[WORK] = located(parts[WORK], abs(values[WORK]))
         return parts
 
     def _grazes(self, parts: dict, coarser: list[dict]) -> bool:
@@ -114,14 +115,16 @@ class Caution:
 
     def _shear(self, values: dict, changes: list[float], parts: dict) -> Part:
         """Part of the shear force, with what is open of it whatever coarser meshes say."""
-        part, slip, force = parts[SHEAR_FORCE], parts["slip"], abs(values["normal_resultant"])
-        if self.touch.dragged and slip.error is not None and slip.error >= values["slip"]:
+        part, force = parts[SHEAR_FORCE], abs(values["normal_resultant"])
+        if self.touch.dragged and _unsure(values, parts):
             return located(part, abs(values[SHEAR_FORCE]))
         if max(changes, default=0.0) <= BALANCE * force:
             return part
         if len(changes) == 1 and not self.sizes:
             return Part(None, note=LONE)
-        return located(part, (SHEAR_HELD if self.sizes else SHEAR) * self.energy**2 * force)
+        if self.sizes:
+            return part
+        return located(part, SHEAR * self.energy**2 * force)
 
     def _doubted(self, part: Part, told: bool) -> Part:
         """A part with what the mesh itself leaves in doubt; `told`: meshes tell an order.
@@ -148,3 +151,17 @@ class Caution:
         told |= name not in HELD
         part = held(name, part, self.sizes.get(name), slack, told)
         return located(part, (self.touch.open or {}).get(name, 0.0))
+
+
+def _unsure(values: dict, parts: dict) -> bool:
+    """Whether anything slides is not sure: the largest slip may be its own error."""
+    error = parts["slip"].error
+    return error is not None and error >= values["slip"]
+
+
+def by_balance(values: dict, parts: dict) -> set[str]:
+    """Resultants that the loads give, whatever the mesh; `parts` of the error by the mesh."""
+    force = abs(values.get("normal_resultant", 0.0))
+    errors = {name: parts[name].error for name in HELD[:2] if name in values}
+    return {name for name, error in errors.items()
+            if error is not None and error <= BALANCE * force}

@@ -12,7 +12,7 @@ from mpi4py import MPI
 from driver.estimates import budget, unresolved
 from driver.estimates.adjoint import Sizes
 from driver.estimates.budget import name_of
-from driver.estimates.levels import Companions
+from driver.estimates.companions import Companions
 from driver.options import Settings
 from driver.results.touch import Touch
 from driver.runs.solve import NO_ESTIMATES

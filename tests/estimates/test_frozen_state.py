@@ -9,7 +9,8 @@ from mpi4py import MPI
 from driver.contact.states import OPEN, SLIP, STICK
 from driver.estimates import adjoint
 from driver.estimates.adjoint import Adjoint
-from driver.estimates.levels import Companions, _whole, samples
+from driver.estimates.companions import Companions, _whole
+from driver.estimates.levels import samples
 from driver.options import Settings
 
 NODES, OWNED = 4, 10  # normal rows, then tangential ones, then two that glue

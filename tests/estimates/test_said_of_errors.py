@@ -9,7 +9,8 @@ from driver.errors import InputError, NotConverged
 from driver.estimates import alternatives, budget, energy, soundness
 from driver.estimates.bound import Estimate, _root, coupling
 from driver.estimates.budget import Part
-from driver.estimates.levels import Companions, Levels
+from driver.estimates.companions import Companions
+from driver.estimates.levels import Levels
 from driver.options import Settings
 
 UNITS = {"length": "mm", "stress": "MPa"}
