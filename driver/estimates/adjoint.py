@@ -25,14 +25,17 @@ coupling of Coulomb's law by repetition: ten to twenty-five products each. What 
 contact state adds is of higher order; errors of earlier steps are not in it.
 
 Smoothed stresses see SEES of an error in energy at least (else unresolved.py leaves the claim out),
-so that of an error of a quantity, in which both errors are multiplied, they see the square of it.
+so that of an error of a quantity, in which two errors are multiplied, they see the square of it.
 What follows depends on whether meshes tell an order, without turning back:
 
 told        they know how errors cancel, on contact states of their own: a claim is not below NET
             times net, nor above Cauchy's and Schwarz' bound, twice the product over SEES squared
-not told    (two meshes, differences that turn or do not fall): by chance coarse meshes agree or
-            differ by far more than they err; then the adjoint problem speaks alone. Errors need
-            not cancel: the claim is gross over SEES squared
+not told    two meshes, differences that turn, do not fall, or fall faster than they can: coarse
+            meshes agree, or differ by far more than they err, by chance. The adjoint problem speaks
+            alone. Errors of contact forces lie at the ends of contact, where smoothed stresses are
+            of lower order, and how they cancel hangs on the state: the claim is gross over SEES
+            squared. Those of a displacement lie in the body: the larger of net over SEES squared
+            and gross
 
 Peaks err below one node, where smoothed stresses are of lower order than the pressure: they have a
 limit from above alone, PEAK times gross; slip adds up over steps, of which the adjoint problem
@@ -82,13 +85,16 @@ def held(name: str, part: Part, sizes: Sizes | None, slack: float = 1.0,
     """
     if sizes is None or part.error is None or sizes.gross <= BLIND * part.error:
         return part
-    alone, most = sizes.gross / SEES**2, 2 * sizes.product / SEES**2
+    unseen = 1 / SEES**2
+    most = 2 * unseen * sizes.product
     least = NET * sizes.net
     if name == "peak_pressure":
         concentrated = sizes.product > ALIKE * sizes.gross
         least, most = 0.0, PEAK * sizes.gross if concentrated else np.inf
     elif not told:
-        least, most = alone, alone / slack if np.isfinite(slack) else np.inf
+        least = (max(unseen * sizes.net, sizes.gross) if name == "displacement"
+                 else unseen * sizes.gross)
+        most = least / slack if np.isfinite(slack) else np.inf  # no more, but for a polygon's error
     error = float(max(min(part.error, slack * most), least))
     return Part(error, part.order, part.note, part.rate)
 

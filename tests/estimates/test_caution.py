@@ -7,7 +7,7 @@ import pytest
 from mpi4py import MPI
 
 from driver.estimates import caution
-from driver.estimates.adjoint import Sizes
+from driver.estimates.adjoint import SEES, Sizes
 from driver.estimates.budget import PAIR, SAFETY
 from driver.estimates.caution import Caution
 from driver.results.touch import Touch
