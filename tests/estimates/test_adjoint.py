@@ -145,7 +145,7 @@ def test_claims_are_held_between_what_the_adjoint_leaves(name, error, sizes, exp
     (99.0, np.inf, 99.0), (1e-3, np.inf, 2.0 * ONCE)])  # of a polygon's error they see nothing
 def test_the_adjoint_speaks_alone_where_meshes_tell_no_order(error, slack, expected):
     """Without cancellation, whatever coarse meshes differ by; the slack is for what it misses."""
-    part = held("displacement", Part(error), Sizes(0.1, 2.0, 30.0), slack, told=False)
+    part = held("normal_resultant", Part(error), Sizes(0.1, 2.0, 30.0), slack, told=False)
     assert part.error == pytest.approx(expected)
 
 

@@ -161,16 +161,19 @@ def test_tighter_companions_tell_what_tolerances_leave():
     """Twice their distance, for every step that they leave out and for the size of their mesh."""
     of = object.__new__(Companions)
     of.settings, of.base, of.ratios = Settings(rtol=1e-6, primal_rtol=1e-5), {"h": 1}, [2.5]
-    of.manifest, of.values, asked = SimpleNamespace(steps=3), {"slip": 0.0}, []
+    of.manifest, asked = SimpleNamespace(steps=3), []
+    of.values, of.given = {"slip": 0.0, "normal_resultant": 0.0}, {"normal_resultant"}
 
     def run(settings, stride, **mesh):
         asked.append((settings.rtol, settings.primal_rtol, stride, mesh))
-        return SimpleNamespace(values={"slip": 1.0 + settings.rtol})
+        return SimpleNamespace(values=dict.fromkeys(of.values, 1.0 + settings.rtol))
 
     of.levels = SimpleNamespace(run=run)
     found = of._algebraic({"rtol": 1e-3}, {"rtol": 1e-5, "primal_rtol": 1e-7})
     assert asked == [(1e-3, 1e-5, 2, {"h": 1}), (1e-5, 1e-7, 2, {"h": 1})]
     assert found["slip"].error == pytest.approx(2 * 2 * 2.5 * (1e-3 - 1e-5))
+    # forces that loads give do not add up over steps, nor answer to the size of elements
+    assert found["normal_resultant"].error == pytest.approx(2 * (1e-3 - 1e-5))
     of.base = {}
     assert of._algebraic({"rtol": 1e-3}, {})["slip"].error == 0.0
     of._settled = lambda stride, settings: None
