@@ -134,9 +134,9 @@ def _upper(L: spmatrix, count: int) -> PETSc.Mat:
     first, row, value = (np.asarray(part).ravel() for part in L.CCS)
     first = first[: count + 1]
     row, value = row[: first[-1]], value[: first[-1]]
-    kept = (row < count) & (value != 0)  # supernodes are padded with zeros
-    first = np.append(0, np.cumsum(kept))[first]
-    csr = first.astype(PETSc.IntType), row[kept].astype(PETSc.IntType), value[kept]
+    kept = np.flatnonzero((row < count) & (value != 0))  # supernodes are padded with zeros
+    csr = (np.searchsorted(kept, first).astype(PETSc.IntType),
+           row.take(kept).astype(PETSc.IntType), value.take(kept))
     upper = PETSc.Mat().createAIJWithArrays((count, count), csr, comm=PETSc.COMM_SELF)
     order = PETSc.IS().createStride(count, first=0, step=1, comm=PETSc.COMM_SELF)
     upper.factorILU(order, order)
