@@ -4,6 +4,8 @@ import copy
 
 import numpy as np
 
+from .motions import unresisted
+
 
 class OracleFailure(AssertionError):
     """The oracle's own answer does not pass its check: it says nothing about another answer."""
@@ -126,18 +128,21 @@ class Assembled:
                             if border.shape[1] else held.tocsc())
 
     def rounded(self, seed: int) -> "Assembled":
-        """The same body, every entry of its stiffness off at random by one rounding of a solution.
+        """The same body, every entry of its stiffness off at random by the rounding of a solution.
 
         What Cholesky's method finds solves a system with K_ij off by (n + 1) eps |l_i| |l_j| at
         most, |l_i| = sqrt(K_ii) the norm of a row of the factor (N. Higham, Accuracy and Stability
-        of Numerical Algorithms, SIAM 2002, theorem 10.3): here by one such rounding each.
+        of Numerical Algorithms, SIAM 2002, theorem 10.3), n the products in the sum that makes an
+        entry of the factor: as many as a row has. Their roundings have both signs and add up like
+        sqrt(n) (N. Higham, T. Mary, SIAM J. Sci. Comput. 41 (2019) A2815-A2835).
         """
         from scipy.sparse import triu
 
         other, upper = copy.copy(self), triu(self.K).tocoo()
         signs = np.random.default_rng(seed).choice([-1.0, 1.0], len(upper.data))
-        row = np.sqrt(self.K.diagonal())
-        upper.data = upper.data + signs * np.finfo(float).eps * row[upper.row] * row[upper.col]
+        row, factor = np.sqrt(self.K.diagonal()), self._factor.L
+        one = np.finfo(float).eps * np.sqrt(factor.nnz / factor.shape[0])
+        upper.data = upper.data + signs * one * row[upper.row] * row[upper.col]
         other.K = (upper + triu(upper, 1).T).tocsc()
         other._factorize()
         return other
@@ -169,10 +174,7 @@ class Assembled:
                 kernel = null_space(rigid[supported], rcond=1e-10)
             free = rigid @ kernel
             free[held] = 0.0  # not by rounding either
-            resisted = (self.K @ free) / np.abs(self.K.diagonal()).max()
-            if np.abs(resisted).max(initial=0) > 1e-10:  # by springs, not by rounding
-                free = free @ null_space(resisted, rcond=1e-10)
-            columns.append(free)
+            columns.append(free @ unresisted(self.K, free))
         return np.hstack(columns)
 
     def _collect_contact(self, names, subdomains, curved):

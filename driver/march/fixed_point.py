@@ -158,6 +158,25 @@ class FixedPoint:
         pressing = max(self._norm(result.x[self.rows.normal]), self.qp.scales.faded("pressing"))
         return change <= self.rtol * pressing and result.residual <= self.qp.tol
 
+    def place(self, load: Load) -> tuple[np.ndarray, np.ndarray | None]:
+        """Rigid motions (modes,) and states of corners, None without corners, to come `back` to."""
+        corners = self.rows.corners
+        return (load.weights[self.operator.structure.patterns :].copy(),
+                None if corners is None else corners.acting.copy())
+
+    def back(self, load: Load, place: tuple[np.ndarray, np.ndarray | None], state: tuple) -> tuple:
+        """The `state` (multipliers, gradient, ..) from before, with bodies and corners in `place`.
+
+        Corners stay as they are where it says nothing of them. Collective.
+        """
+        motion, acting = place
+        self.bodies.shift(load, motion - load.weights[self.operator.structure.patterns :])
+        self.slip.renew_coefficient(state[1])
+        if acting is not None and (acting != self.rows.corners.acting).any():
+            self.rows.corners.acting = acting
+            self.condensation.select()
+        return state
+
     # ---- where they do not contract ------------------------------------------------------------
     def _globalise(self, index: int, load: Load, x, motion: np.ndarray, trace: Trace):
         """The fixed point by the methods of `globalization`, in their order; see `find`.

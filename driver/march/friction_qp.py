@@ -20,6 +20,8 @@ from .step import History, Unfinished
 
 ROUNDED = 1e-9  # part of travel below which displacements are its rounding
 FINEST = 1e-14  # of the displacements to be overcome: no tolerance is tightened below
+NEAR_ROUNDING = 1e2  # times that: a product may round off as much where stiffness jumps
+STEADY = 2.0  # times what a product rounds off: two of the same differ by as much
 
 
 class FrictionQP:
@@ -140,11 +142,17 @@ class FrictionQP:
             return self.extent(elastic, rigid, before, self.operator.apply(x), True)
         return size
 
-    def aim(self, part: float) -> None:
+    def aim(self, part: float, x: np.ndarray) -> None:
         """Tolerance of the QPs to come: the step's, or `part` of it, but then not below rounding.
+
+        Where stiffness jumps that of a product may be far larger than of its result. There it is
+        measured at multipliers near theirs, `x`: beyond it MPRGP stagnates however good the
+        solution is. Collective.
         """
-        own = self.settings.rtol * self.scales.d
-        self.tol = max(part * own, min(own, FINEST * self.scales.d))
+        own, least = self.settings.rtol * self.scales.d, FINEST * self.scales.d
+        if self.operator.levels > 1 and part * own < NEAR_ROUNDING * least:
+            least = max(least, STEADY * self.rounded(x))
+        self.tol = max(part * own, min(own, least))
 
     def placed(self, moved, d, x, gradient):
         """`moved` and its gradient, by a product unless it is x, where `gradient` is known."""

@@ -298,7 +298,7 @@ class QuasistaticSolver:
         # parts of the tolerances
         of_qp = of_friction = outlook.foresight(self.loads, index) if self.largest_friction else 1.0
         while True:
-            qp.aim(of_qp)
+            qp.aim(of_qp, x)
             try:
                 x, gradient, sliding = find(index, load, x, gradient, sliding, trace,
                                             max(of_friction * settings.friction_rtol, ROUNDED))
@@ -309,7 +309,7 @@ class QuasistaticSolver:
                     if free is not None:
                         return free
                 if rounded is not None:
-                    return self._back(load, *rounded)
+                    return self.fixed_point.back(load, *rounded)
                 settles = op.modes > 0 and self.bodies.imbalance(load, failed.x) <= NEARLY
                 again = find != self.corners.condensed and qp.hides(failed.x)
                 if failed.final or of_qp == 1.0 and not (settles or again):
@@ -336,12 +336,11 @@ class QuasistaticSolver:
             if op.levels > 1 and worst < best:
                 likely = self.residuals.of(load, x, gradient)
                 if self.residuals.enough(likely):
-                    place = load.weights[op.structure.patterns :].copy()
-                    rounded = place, (x, gradient, moved, likely)
-            if rounded is not None and (idle or stop or self.rows.corners is not None):
-                return self._back(load, *rounded)
+                    rounded = self.fixed_point.place(load), (x, gradient, moved, likely)
+            if rounded is not None and (idle or stop):
+                return self.fixed_point.back(load, *rounded)
             if stop and again:  # friction that jams hides the loads in its forces' rounding
-                x, gradient, sliding = self._back(load, motion, first)
+                x, gradient, sliding = self.fixed_point.back(load, (motion, None), first)
                 find, best, stop, why = self.corners.condensed, np.inf, None, stop
                 of_qp = of_friction = 1.0
                 continue
@@ -359,12 +358,6 @@ class QuasistaticSolver:
             # not QPs alone are to blame: what forces still change by moves stiff parts, too
             if idle or max(excess["gluing"], excess["penetration"]) <= 1:
                 of_friction *= tighter
-
-    def _back(self, load: Load, motion: np.ndarray, state: tuple) -> tuple:
-        """A `state` from before, with bodies moved by `motion` (modes,)."""
-        self.bodies.shift(load, motion - load.weights[self.operator.structure.patterns :])
-        self.slip.renew_coefficient(state[1])
-        return state
 
     def _examine(self, index: int, load: Load, x, gradient, trace: Trace) -> None:
         """Look for other solutions of the step where there is reason to; see `uniqueness`."""

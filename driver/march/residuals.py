@@ -76,7 +76,8 @@ class Residuals:
 
         Relative to a lower bound of the deformation if they are small even so, to the deformation
         itself, which takes the fields of all subdomains, else. Where stiffness jumps, what soft
-        parts may move by rounding is no less than what is asked for of stiff ones, unless `exact`.
+        parts may move by rounding is no less than what is asked for of stiff ones, unless `exact`:
+        that of forces, or of a product as it comes, whose terms may be larger than their sum.
         """
         op, others = self.operator, {"stationarity": self._missing(x, gradient)}
         if op.modes:
@@ -87,22 +88,35 @@ class Residuals:
         quick = () if whole else (op.least_deformation,)
         for measure in (*quick, op.deformation_by_level):
             deformations = np.atleast_1d(measure(x, load.weights))
-            self.still = deformations[0] <= least[0]
-            self.scales.renew(displacements=np.maximum(deformations, least))
-            kkt = kkt_residuals(self.rows, x, gradient, op.row_level, self.scales, op.comm)
-            if self.scales.force > 0:
-                kkt["cone"] = max(kkt["cone"], missed / self.scales.force)
+            kkt = self._kkt(x, gradient, deformations, least, missed)
             if self.enough(kkt):
                 break
+        if op.levels > 1 and not exact and not self.enough(kkt):  # products round off more?
+            least[1:] = np.maximum(least[1:], self._moved_by(self.qp.rounded(x)))
+            kkt = self._kkt(x, gradient, deformations, least, missed)
         return others | kkt
+
+    def _kkt(self, x, gradient, deformations: np.ndarray, least: np.ndarray,
+             missed: float) -> dict[str, float]:
+        """Residuals relative to `deformations` (levels,), no less than `least` (levels,)."""
+        self.still = deformations[0] <= least[0]
+        self.scales.renew(displacements=np.maximum(deformations, least))
+        kkt = kkt_residuals(self.rows, x, gradient, self.operator.row_level, self.scales,
+                            self.operator.comm)
+        if self.scales.force > 0:
+            kkt["cone"] = max(kkt["cone"], missed / self.scales.force)
+        return kkt
+
+    def _moved_by(self, rounded: float) -> np.ndarray:
+        """(levels - 1,) deformations of stiff parts of which `rounded` is what may be missed."""
+        return rounded / self.qp.softest[1:] / self.asked("penetration")
 
     def _least_deformation(self, load: Load, x: np.ndarray, exact: bool) -> np.ndarray:
         """(levels,) deformation below which displacements are rounding; collective."""
         way = -self.operator.minimum(-max(load.travel, load.farthest))
         least = np.full(self.operator.levels, CANCELLED * load.extent / self.qp.softest[0])
         if len(least) > 1:
-            rounded = 0.0 if exact else ROUNDED * self.qp.largest(x)
-            least[1:] = rounded / self.qp.softest[1:] / self.asked("penetration")
+            least[1:] = self._moved_by(0.0 if exact else ROUNDED * self.qp.largest(x))
         return np.maximum(least, TRAVELLED * way)
 
     def _changing(self, x: np.ndarray, gradient: np.ndarray) -> float:

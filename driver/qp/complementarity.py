@@ -15,6 +15,7 @@ BRIEFLY = 8  # Newton steps from one of many starts
 NEAR = 10  # nodes whose states differ from a solution's at most for a start to be near it
 A_FEW = 4  # nodes that may change their states again and again before Newton's method settles
 TIE = 1e-13  # relative difference of ratios that is rounding
+GONE = 1e-10  # part of the load by which the artificial variable of Lemke's method is rounding
 COVERS = 4  # covering vectors Lemke's method tries
 SLACK = 1e-9  # relative violation of an inequality that is rounding
 DESCENTS = 8  # changes of a node's state on the way to a solution
@@ -187,6 +188,9 @@ def _lemke_pivots(M: np.ndarray, q: np.ndarray, cover: np.ndarray) -> np.ndarray
     `cover` > 0 is the covering vector. The tableau holds w or z of every row in terms of the
     nonbasic ones: columns 0..k-1 and the artificial one k. Pivots are lexicographic: of the rows
     with the least ratio the one is taken that q + (e, e^2, ..), for all small e > 0, singles out.
+
+    Where the artificial variable and another one become zero at once, rounding may let the other
+    one leave: then it stays as a zero, and what would be a ray begins in a solution.
     """
     k = len(q)
     if q.min(initial=0.0) >= 0:
@@ -200,20 +204,27 @@ def _lemke_pivots(M: np.ndarray, q: np.ndarray, cover: np.ndarray) -> np.ndarray
         leaving = basic[row]
         basic[row], nonbasic[column] = nonbasic[column], leaving
         if leaving == 2 * k:
-            z = np.zeros(2 * k)
-            z[basic] = table[:, -1]
-            return np.maximum(z[k:], 0.0)
+            return _multipliers_of(table, basic)
         partner = leaving + k if leaving < k else leaving - k
         column = int(np.flatnonzero(nonbasic == partner)[0])
         entry = table[:, column]
         able = np.flatnonzero(entry > 1e-11 * np.abs(entry).max())
         if not len(able):
-            return None
+            gone = table[basic == 2 * k, -1].item() <= GONE  # q is of order one
+            return _multipliers_of(table, basic) if gone else None
         ties = _least_of(able, table[able, -1] / entry[able])
         artificial = ties[basic[ties] == 2 * k]
         row = int(artificial[0] if len(artificial) else
                   _lexicographic(table, basic, nonbasic, ties, entry))
     return None
+
+
+def _multipliers_of(table: np.ndarray, basic: np.ndarray) -> np.ndarray:
+    """z (k,) of a tableau (k, k + 2) with the variables `basic` (k,): w, z, the artificial one."""
+    k = len(basic)
+    values = np.zeros(2 * k + 1)
+    values[basic] = table[:, -1]
+    return np.maximum(values[k : 2 * k], 0.0)
 
 
 def _least_of(rows: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -174,10 +174,10 @@ def test_a_corner_that_no_state_holds_is_undecided():
     assert not nodes.undecided[0]
 
 
-def test_other_states_are_tried_before_a_step_is_given_up():
-    """A vertex that only friction holds, standing: in the state it is in nothing solves the step.
-
-    Those that fail all end it, and are not tried again in the same step.
+@pytest.mark.parametrize("method", ["find", "condensed"])
+def test_other_states_are_tried_before_a_step_is_given_up(method):
+    """A vertex that only friction holds, standing: in the state it is in nothing solves the step,
+    by neither method. Those that fail all end it, and are not tried again in the same step.
     """
     nodes, tried = corner(), []
 
@@ -192,24 +192,25 @@ def test_other_states_are_tried_before_a_step_is_given_up():
         comm=SimpleNamespace(allgather=lambda value: [value]),
         deformation_by_level=lambda x, weights: np.zeros(1))
     fixed_point = SimpleNamespace(
-        find=find, rows=SimpleNamespace(corners=nodes, coefficient=None, offset=None),
+        **{method: find}, rows=SimpleNamespace(corners=nodes, coefficient=None, offset=None),
         qp=SimpleNamespace(operator=operator, scale=np.ones(4), tol=1e-9,
                            scales=SimpleNamespace(displacements=np.zeros(1))),
         bodies=SimpleNamespace(shift=lambda load, change: None),
         condensation=SimpleNamespace(select=lambda: None))
     states, load = CornerStates(fixed_point, None), SimpleNamespace(weights=np.zeros(0), d=0.0)
+    solve = getattr(states, method)
     given = load, np.array([1.0, 1.0, 0.0, 0.0]), np.zeros(4), np.zeros(2), Trace(), 1e-8
     wanted = STANDING
-    states.find(1, *given)
+    solve(1, *given)
     assert tried == [BOTH, STANDING]
     wanted, tried = None, []
     for count in (3, 1):  # the states of one corner, then only that which it has
         with pytest.raises(Unfinished):
-            states.find(2, *given)
+            solve(2, *given)
         assert len(tried) == count
         tried.clear()
     wanted = FIRST if nodes.acting[0] != FIRST else SECOND  # in the next step all may be tried
-    states.find(3, *given)
+    solve(3, *given)
     assert tried[-1] == wanted
 
 

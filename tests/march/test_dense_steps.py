@@ -85,7 +85,7 @@ def load_of(of: SimpleNamespace, seed=2) -> Load:
     d[:N] = [2.0, 3.0, -1.0]
     d[N : 2 * N] *= 2.0
     of.qp.scales.renew(d=np.linalg.norm(d))
-    of.qp.aim(1.0)
+    of.qp.aim(1.0, np.zeros(len(d)))
     return Load(np.ones(1), d, np.linalg.norm(d))
 
 
@@ -197,7 +197,7 @@ def solver(find, residuals, **more) -> QuasistaticSolver:
     s = object.__new__(QuasistaticSolver)
     s.operator, s.rows, s.qp, s.settings = of.operator, of.rows, of.qp, of.qp.settings
     s.bodies, s.slip, s.scales = of.bodies, of.slip, of.qp.scales
-    s.corners = SimpleNamespace(find=find, condensed="condensed")
+    s.corners, s.fixed_point = SimpleNamespace(find=find, condensed="condensed"), of.fixed
     s.loads, s.largest_friction = [1.0, 1.0], 0.3
     s.residuals = Residuals(of.qp, of.bodies, of.slip)
     s.residuals.of = lambda *given, **kinds: {"gluing": 0.0, "penetration": 0.0} | next(said)
@@ -228,11 +228,36 @@ def test_tolerances_get_tighter_until_residuals_are_small_enough():
                                                           friction_rtol=1e-5))
     s.qp.settings = s.settings
     aims = []
-    aim, s.qp.aim = s.qp.aim, lambda part: aims.append(part) or aim(part)
+    aim, s.qp.aim = s.qp.aim, lambda part, x: aims.append(part) or aim(part, x)
     *_, residuals = earned(s)
     assert residuals["cone"] == 1e-5
     assert aims == pytest.approx([1.0, 0.3 / 30, 0.3 / 30 * 0.1])
     assert found.asked == pytest.approx([1e-5, 1e-5, 1e-6])
+
+
+@pytest.mark.parametrize("later, tightened", [(0.5, 1), (4.0, 0), (2.0, 1)])
+def test_what_a_bound_of_rounding_admits_is_the_last_resort(later, tightened):
+    """At corners, too: tolerances get tighter first, and where that leads no further the best state
+    that will do comes back, with the states that corners had in it.
+    """
+    s = solver(None, [{"cone": 3e-4}, {"cone": 1e-5}, {"cone": later * 1e-4}, {"cone": 1e-5}],
+               settings=Settings(primal_rtol=1e-4, rtol=1e-6))
+    s.qp.settings, s.operator.levels, s.rows.corners = s.settings, 2, SimpleNamespace(
+        acting=np.zeros(2, int), without_friction=np.zeros(0, int))
+    selected, motions = [], []
+    s.fixed_point.condensation.select = lambda: selected.append(s.rows.corners.acting)
+    s.bodies.shift = lambda load, change: motions.append(change)
+
+    def find(index, load, x, *others):
+        s.rows.corners.acting = s.rows.corners.acting + 1
+        return x + 1.0, *others[:2]
+
+    s.corners.find = find
+    x, _, _, residuals = earned(s)
+    assert x[2 * N :].tolist() == [1.0 + tightened] * N  # gluing rows: no bounds cut them
+    assert residuals["cone"] == pytest.approx(0.5e-4 if later < 1 else 1e-5)
+    assert s.rows.corners.acting.tolist() == [1 + tightened] * 2
+    assert len(selected) == 1 - tightened
 
 
 def test_what_stays_too_large_is_said():
@@ -367,6 +392,7 @@ def test_displacements_that_are_rounding(exact):
     rounded = 0.0 if exact else rounded
     found = many._least_deformation(load, x, exact)
     np.testing.assert_allclose(found, [1e-8 * 3 / 2, rounded / 4, rounded / 0.5])
+    np.testing.assert_allclose(many._moved_by(3.0), np.array([3 / 4, 3 / 0.5]) * 1e6)
     load.travel, load.farthest = 5.0, 7.0
     np.testing.assert_allclose(many._least_deformation(load, x, exact), np.maximum(found, 7e-9))
     load.travel = 50.0
@@ -400,6 +426,23 @@ def test_residuals_are_relative_to_what_deforms():
         2e-4 / (1e-8 * 1e9 / found.qp.softest[0])) and found.still
     found._changing = lambda x, gradient: 3.0
     assert found.of(load, x, gradient)["cone"] == pytest.approx(3.0 / 4.0)
+
+
+@pytest.mark.parametrize("exact, off", [(False, 1e-3), (False, 4e-3), (True, 1e-3)])
+def test_products_that_round_off_more_than_their_bound(exact, off):
+    """A product, measured, is off by 2e-3 here: what that makes of a stiff row will do, unless its
+    residual is asked for as it is, and no more than that.
+    """
+    found = residuals(2, (1.0, 1.0))
+    found.operator.row_level = np.array([1] + 8 * [0])
+    found.operator.deformation_by_level = lambda *_: np.array([1e6, 1.0])
+    found.qp.rounded = lambda x: 2e-3
+    x, gradient = np.r_[np.ones(3), np.zeros(6)], np.zeros(9)
+    gradient[0] = -off
+    asked = found.asked("penetration")
+    said = found.of(Load(np.ones(1), np.zeros(9), 1.0), x, gradient, exact)["penetration"]
+    assert said == pytest.approx(off if exact else off / (2e-3 / asked))
+    assert (said <= asked) == (off <= 2e-3 and not exact)
 
 
 @pytest.mark.parametrize("x, largest, still, faded", [

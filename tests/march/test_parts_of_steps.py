@@ -85,7 +85,7 @@ def qp(F: np.ndarray, rows_: ContactRows, scale=None, **operator) -> FrictionQP:
     found.bound, found.scales, found.settings = 1.0, Scales(), Settings(rtol=1e-3)
     found.operator = SimpleNamespace(**{
         "comm": MPI.COMM_SELF, "dot": np.dot, "apply": lambda x: F @ x, "travels": {}, "modes": 0,
-        "owned": n, "minimum": lambda value: value,
+        "owned": n, "levels": 1, "minimum": lambda value: value,
         "structure": SimpleNamespace(contact=SimpleNamespace(motion=None)), **operator})
     return found
 
@@ -129,7 +129,7 @@ def test_tolerances_and_sizes_of_a_qp():
     found = qp(F, rows(), np.full(5, 2.0))
     found.scales.d = 10.0
     for part, tol in ((1.0, 1e-2), (0.1, 1e-3), (1e-20, 1e-13)):
-        found.aim(part)
+        found.aim(part, np.ones(5))
         assert found.tol == pytest.approx(tol)
     found.bound = 3.0
     assert found.size(np.array([3.0, 0, 4, 0, 0])) == 10.0
@@ -140,6 +140,25 @@ def test_tolerances_and_sizes_of_a_qp():
     np.testing.assert_allclose(gradient, F @ x - 1)
     assert found.placed(x, np.ones(5), x.copy(), x)[1] is x and moved is x
     np.testing.assert_allclose(found.placed(x, np.ones(5), x, None)[1], F @ x - 1)
+
+
+@pytest.mark.parametrize("levels", [1, 2])
+@pytest.mark.parametrize("part", [1.0, 1e-5, 1e-10, 1e-20])
+def test_no_qp_is_asked_for_more_than_products_round_off(part, levels):
+    """Where stiffness jumps; here to multiples of 1e-8. Far above, and elsewhere, it costs nothing.
+    """
+    products = []
+
+    def product(x):
+        products.append(x)
+        return np.round(x / 1e-8) * 1e-8
+
+    found = qp(np.eye(5), rows(), apply=product, levels=levels)
+    found.scales.d = 10.0
+    found.aim(part, np.full(5, 0.4e-8))  # 0, and of 3 x the third of 1e-8
+    least = 2 * np.sqrt(5) * 1e-8 / 3 if levels > 1 and part < 1e-7 else 1e-13
+    assert found.tol == pytest.approx(max(part * 1e-2, least))
+    assert len(products) == (2 if levels > 1 and part < 1e-7 else 0)
 
 
 def test_the_contact_problem_for_given_gluing_forces():

@@ -251,6 +251,25 @@ def test_lemke_does_not_cycle(n):
     np.testing.assert_allclose(z, 1 / 3, rtol=1e-12)  # the P-matrix has this solution alone
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_a_zero_that_stays_is_no_ray(seed):
+    """Bodies on soft springs, of which many nodes are open: any s >= |slip| will do there, and the
+    artificial variable becomes zero together with others. With ten of these seeds one of the others
+    leaves: the artificial one stays as a zero, in the solution all the same.
+    """
+    rng = np.random.default_rng(seed + 25)
+    root, motions = rng.standard_normal((40, 41)), rng.standard_normal((40, 3))
+    load = rng.standard_normal(40) - np.repeat([0.5, 0.0], 20)
+    problem = CoulombProblem(root @ root.T / 20 + 100 * motions @ motions.T, load,
+                             np.full(20, 1.5), np.arange(20))
+    scale = np.sqrt(problem.rigidity)
+    M, q, _ = complementarity._complementary(problem, scale, np.abs(load * scale).max())
+    z = complementarity._lemke_pivots(M, q, np.ones(len(q)))
+    w = M @ z + q
+    # a few hundred pivots, condition of the bases up to 1e7: eps times these
+    assert z.min() >= 0 and w.min() >= -1e-8 and np.abs(z * w).max() <= 1e-8
+
+
 def test_wide_gaps_hide_no_violation():
     """The force of a node that overlaps by 1e-9 counts, although another one is open by 1."""
     load = np.array([1e-9, -1.0, 0.0, 0.5])
