@@ -9,8 +9,8 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
 - where no adjoint problem holds resultants and displacements: the second order of two meshes of
   quadratic elements or of two cycles is then not taken for granted, and two meshes alone say
   nothing of shear, which has either sign and agrees by chance;
-- for shear on a body that is pressed, if no adjoint problem holds it: it is not claimed to less than
-  a part of the pressing force times the square of the error in energy, as both errors of a
+- for shear on a body that is pressed, if no adjoint problem holds it: it is not claimed to less
+  than a part of the pressing force times the square of the error in energy, as both errors of a
   functional would be, since it may vanish by a symmetry of no mesh; none where meshes agree but for
   tolerances, as balance gives it;
 - where pressure grows from mesh to mesh at an end of contact: the order of integrals and of slip is
