@@ -134,9 +134,15 @@ def heed_interrupts() -> None:
 
 
 def single_threaded() -> None:
-    """One BLAS thread a rank: many small dense products run slower with more."""
+    """One thread a rank: many small dense products and factors run slower with more.
+
+    CHOLMOD asks for four threads whatever OMP_NUM_THREADS says, for every few columns of a factor:
+    on subdomains waiting for them takes three times as long as the work. Only the limit ends that.
+    """
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
+    if os.environ["OMP_NUM_THREADS"].isdigit():
+        os.environ.setdefault("OMP_THREAD_LIMIT", os.environ["OMP_NUM_THREADS"])
 
 
 # options of linear programs: the postsolve of HiGHS in scipy 1.10 may abort the whole process

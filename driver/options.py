@@ -17,7 +17,7 @@ from .arguments import (CYCLES, EVERY, NAMES, POSITIVE, SHARE, YES_NO, Kind, cho
 from .errors import InputError
 
 RESULTS = environment.ROOT / "results"
-CORES = os.cpu_count() or 1
+CORES = len(os.sched_getaffinity(0))  # that this process may use
 RANKS_PER_CORE = 64  # more could not even start
 MOST_CYCLES = 20  # of refinement, each with four times the triangles
 WIDTH, INDENT = 88, 12  # of help
@@ -112,7 +112,8 @@ RUNS = (
            "none, needed by PART=sweeps"),
     Option("scene", text("name|path"), "model", FRONT, ("saddle",), "the scene"),
     Option("np", whole("a number of ranks", 1), None, FRONT, SOLVES,
-           "MPI ranks, for FreeFEM and the solver", "1, or the slots of the hosts"),
+           "MPI ranks, for FreeFEM and the solver",
+           "the slots of the hosts; on this one as many as the size pays for, for the solver"),
     Option("hosts", path("file"), None, FRONT, SOLVES, "file of the hosts on which ranks start, "
            "'name slots=n' in a line; they share the directory of OUT",
            "those that Slurm or PBS allotted, else this one"),

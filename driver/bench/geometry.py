@@ -4,6 +4,7 @@ The peer is the scene's linear problem in plain FreeFEM (direct.py) on the same 
 solves the same load case with contact and friction.
 """
 
+import json
 import re
 import shutil
 import subprocess
@@ -62,6 +63,9 @@ def _compared(bench: Workbench, case: tuple, place: Path, curves: dict) -> None:
 
     def taken(name: str, command: list[str], **given) -> float:
         spent, memory = child(command, **given)
+        if name == "driver":  # on several ranks those together
+            summary = json.loads((place / "run" / "summary.json").read_text())
+            memory = max(memory, summary["memory_mib"])
         peak[name].append(memory)
         return spent
 

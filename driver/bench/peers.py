@@ -39,7 +39,7 @@ def measure(bench: Workbench, large: bool = False) -> dict:
         bench.forget(subdomains)
         script = str(Path(__file__).with_name("getfem_model.py"))
         run = driver("run", "SCENE=model", f"LOADING={LOADING}", f"SUBDOMAINS={subdomains}",
-                     f"STEPS={STEPS}", f"OUT={ours}", *BARE)
+                     f"STEPS={STEPS}", f"OUT={ours}", "NP=1", *BARE)
         model = [sys.executable, script, str(mesh), str(theirs), str(STEPS), LOADING]
         times = in_turn({"driver": lambda: child(run)[0], "GetFEM": lambda: child(model)[0]},
                         REPEATS if cells < 80 else 1)

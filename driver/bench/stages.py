@@ -25,7 +25,8 @@ def measure(bench: Workbench) -> None:
     for scene, text in ((model, "equal subdomains"), (graded, "a stiffness each")):
         _read_back(bench, scene, text)
     out = bench.folder / "run"
-    _, peak = child(driver("run", "SCENE=model", f"SUBDOMAINS={SUBDOMAINS}", f"OUT={out}", *BARE))
+    _, peak = child(driver("run", "SCENE=model", f"SUBDOMAINS={SUBDOMAINS}", f"OUT={out}", "NP=1",
+                      *BARE))
     bench.add(f"peak memory of the driver, {DOFS} dofs, one rank", peak, "MiB", "<= 1536")
     _start_up(bench)
 

@@ -64,7 +64,7 @@ class Alternatives:
         """Of the run and its companions on coarser meshes, up to one that has failed."""
         errors = [self.mesh.error]
         for fine, coarse, stride in zip(self.companions.meshes, self.companions.meshes[1:],
-                                        (1, self.companions.stride(2))):
+                                        (1, self.companions.coarse_stride)):
             run = self.companions.level(coarse, stride)
             apart = None if run is None else self._apart(run.values, fine, stride)
             if apart is None:
@@ -88,7 +88,7 @@ class Alternatives:
         errors = self._errors()
         meshes = self.companions.meshes[: len(errors)]
         runs = []
-        for mesh, stride in zip(meshes[1:], (1, self.companions.stride(2))):
+        for mesh, stride in zip(meshes[1:], (1, self.companions.coarse_stride)):
             runs += self._measured(mesh, stride)
         size, element = self.manifest.parameters[self.knob], self.manifest.element
         self.took[element] = runs

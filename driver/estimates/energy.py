@@ -156,6 +156,18 @@ def report(estimates: list[tuple[Step, Estimate]], kind: str, left_out=(), why: 
             **named}
 
 
+def of_level(problem, level, kind: str) -> dict:
+    """Entry for summary.json of the step to which a finished run's quantities belong; collective.
+
+    `level`: of levels.py; `kind` as of EnergyEstimator.
+    """
+    step = level.steps[level.at]
+    estimator = EnergyEstimator(problem.operator, problem.manifest, level.record.contact, kind)
+    problem.operator.follow(step)
+    estimator.consider(step, level.record.state(level.at), 1.0)
+    return report(estimator.estimates(), estimator.kind)
+
+
 def of_time(budget: dict, energy: dict) -> dict:
     """What time steps add in the energy norm, {"time": ...}, by the `budget` of the quantities.
 

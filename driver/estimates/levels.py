@@ -1,4 +1,4 @@
-"""A scene at several mesh sizes, time steps and tolerances: the runs that estimates compare.
+"""A scene at several mesh sizes, time steps and tolerances: the runs that companions.py compares.
 
 They share one process. Every mesh is exported and reduced once, however many runs it serves.
 Collective over one communicator; the root rank alone starts FreeFEM, with one rank of its own.
@@ -19,23 +19,7 @@ from ..results.record import Record
 from ..results.relinearization import linearized
 from ..results.touch import Touch
 from ..scene import freefem
-from . import jumps, unresolved
-from .between_steps import departures
-from .budget import (OF_TIME, Part, advice, coarser, extrapolate, formal_order, mesh_knob, name_of,
-                     ratio, summed)
-from .caution import Caution
-from .polygons import stand_for_curves
-
-# a loose fixed point may stop where a much tighter one does: the companion's is this at most
-SETTLED = 1e-7
-FEW = 4  # steps below which coarser times tell nothing
-FINER = 4  # times as many steps then, also where steps miss what a history does
-ROUNDING = 1e-9  # relative change of a largest displacement that a support prescribes
-UNSEEN = 1e-2  # by how much others may exceed it, relative: bulges beside a support
-UNTRIED = "no run with more steps to compare with"
-TIGHTER = 100.0  # tolerances of the companions that tell what those of the run leave
-LEFT = 2.0  # safety of what they tell: another mesh answers by chance with more or less
-EARNED = 1e-8  # residuals that rounding still lets a companion reach
+from .refinement import STEM
 
 
 def spelled(value: float | str) -> str:
@@ -110,10 +94,14 @@ class Levels:
         return self.problems[key]
 
     def _assemble(self, changes: dict) -> Problem:
-        if "cycle" in changes:
-            return linearized(assemble(self.cycles[changes["cycle"]] / "export", self.comm),
-                              self.settings, self.comm)
-        return self.exported(self.place(**changes), changes)
+        if "cycle" not in changes:
+            return self.exported(self.place(**changes), changes)
+        cycle, more = changes["cycle"], {k: v for k, v in changes.items() if k != "cycle"}
+        if not more:
+            return linearized(assemble(self.cycles[cycle] / "export", self.comm), self.settings,
+                              self.comm)
+        sizes = self.cycles[cycle - 1] / STEM if cycle else None
+        return self.exported(self.place(**changes), more, sizes, tuple(sorted(changes.items())))
 
     def exported(self, place: Path, changes: dict, sizes: Path | None = None,
                  key: tuple | None = None) -> Problem:
@@ -179,221 +167,3 @@ class Levels:
         """Remove what is left of the exports."""
         if self.comm.rank == 0:
             shutil.rmtree(self.folder, ignore_errors=True)
-
-
-class Companions:
-    """Runs beside one run, and what each part of its error follows from."""
-
-    def __init__(self, levels: Levels, problem: Problem, settings: Settings, record: Record,
-                 sizes: dict, energy: dict | None = None, smoothed: float | None = None):
-        """`record` of the run of `problem` with `settings`; `sizes` and `smoothed` as of
-        adjoint.assess, `energy` the entry of energy.report.
-        """
-        self.values, self.at = record.quantities()
-        self.singular, touch = record.singular_places(), record.touch(self.at)
-        error, element = unresolved.energy_error(energy), problem.manifest.element
-        self.caution = Caution.of(problem, touch, sizes, error, bool(levels.cycles),
-                                  stand_for_curves(problem))
-        last = self.at == problem.manifest.steps - 1
-        self.unresolved = unresolved.parts(self.values, error, touch, element, bool(sizes),
-                                           last and unresolved.blind(energy, smoothed))
-        self.levels, self.manifest, self.settings = levels, problem.manifest, settings
-        self.effects = problem.effects
-        # cycles skipped after each computed one, where any were
-        self.jumps = levels.plan if any(levels.plan or ()) else None
-        levels.problems[()] = problem
-        self.knob = mesh_knob(self.manifest.parameters)
-        self.notes = []
-        self.meshes, self.ratios = self._adapted() if levels.cycles else self._uniform()
-        self.base = self.meshes[1 if len(self.meshes) > 1 else 0]  # companions for other parts
-
-    def _uniform(self) -> tuple[list[dict], list[float]]:
-        """Meshes with elements twice and four times as long, as far as there are such."""
-        if self.knob is None:
-            self.notes.append("no parameter (CELLS, H) sets the mesh size of this scene: "
-                              "no coarser mesh to compare with")
-            return [{}], []
-        sizes = [self.manifest.parameters[self.knob]]
-        for _ in range(2):
-            size = coarser(self.knob, sizes[-1])
-            if size is None or not self._meshed(size):
-                break
-            sizes.append(size)
-        if len(sizes) == 1:
-            finest = name_of(self.knob, sizes[0])
-            self.notes.append(f"no coarser mesh than {finest} to compare with")
-        ratios = [ratio(self.knob, b, a) for a, b in zip(sizes, sizes[1:])]
-        return [{}, *({self.knob: size} for size in sizes[1:])], ratios
-
-    def _adapted(self) -> tuple[list[dict], list[float]]:
-        """Meshes of the last two cycles but one; a cycle lessens errors like a halved size.
-
-        It does so where a uniform mesh does not: the number of its elements would say too little.
-        """
-        meshes = [{}, *({"cycle": k} for k in reversed(range(len(self.levels.cycles))))][:3]
-        return meshes, [2.0] * (len(meshes) - 1)
-
-    def _meshed(self, size: float) -> bool:
-        """Whether the scene can be had at a mesh size; if not, a note says why."""
-        try:
-            self.levels.problem(**{self.knob: size})
-        except DriverError as problem:
-            self.notes.append(f"companion {name_of(self.knob, size)}: {problem}")
-            return False
-        return True
-
-    def level(self, mesh: dict, stride: int = 1, settings: Settings | None = None,
-              quiet: bool = False, plan=None) -> Level | None:
-        """A run on a mesh, None and, unless `quiet`, a note if it fails."""
-        try:
-            return self.levels.run(settings or self.settings, stride, plan, **mesh)
-        except DriverError as problem:
-            words = " ".join(name_of(*change) for change in mesh.items())
-            if not quiet:
-                self.notes.append(f"companion {words}: {problem}")
-            return None
-
-    def _values(self, mesh: dict, stride: int = 1, settings: Settings | None = None) -> dict | None:
-        """Quantities of a run on a mesh, None and a note if it fails."""
-        level = self.level(mesh, stride, settings)
-        return level and level.values
-
-    def remedies(self) -> dict[str, str]:
-        """For every part the setting that lowers it, as on the command line."""
-        mesh = "a finer mesh"
-        if self.levels.cycles:
-            mesh = f"ADAPT={len(self.levels.cycles) + 1}"
-        elif self.knob:
-            size = self.manifest.parameters[self.knob]
-            mesh = name_of(self.knob, size / 2 if self.knob == "h" else 2 * size)
-        return {"mesh": mesh, "time": f"STEPS={2 * self.manifest.steps}",
-                **({"jumps": jumps.remedy(self.settings.cycles, self.jumps)} if self.jumps else {}),
-                "friction": f"FRICTION_RTOL={self.settings.friction_rtol / 10:.0e}",
-                "solver": f"RTOL={self.settings.rtol / 10:.0e}"}
-
-    def parts(self) -> dict[str, dict[str, Part]]:
-        """Part by source and quantity."""
-        effects, settings = self.effects, self.settings
-        tight = {"rtol": settings.rtol / TIGHTER}
-        earned = {"primal_rtol": min(settings.primal_rtol,
-                                     max(settings.primal_rtol / TIGHTER, EARNED))}
-        parts = {"mesh": self._mesh()}
-        if effects.quasistatic and (effects.frictional or self.at < self.manifest.steps - 1):
-            parts["time"] = self._time()
-        if self.jumps:
-            parts["jumps"] = self._jumps()
-        if effects.pressure_bounds_friction:
-            settled = min(settings.friction_rtol / TIGHTER, SETTLED)
-            parts["friction"] = self._algebraic(tight, earned | {"friction_rtol": settled})
-            return parts | {"solver": self._algebraic({}, tight)}
-        return parts | {"solver": self._algebraic({}, tight | earned)}
-
-    def stride(self, wanted: int) -> int:
-        """The largest of 4, 2, 1 up to `wanted` that leaves a step."""
-        return max(stride for stride in (1, 2, 4) if stride <= min(wanted, self.manifest.steps))
-
-    def _mesh(self) -> dict[str, Part]:
-        """Coarser meshes, the coarsest against the middle one, at every second time; held within
-        what adjoint problems leave.
-        """
-        runs = [(self.values, self._values(self.meshes[1]))] if len(self.meshes) > 1 else []
-        if len(self.meshes) > 2:
-            runs.append([self._values(mesh, self.stride(2)) for mesh in self.meshes[1:]])
-        good = _whole(runs)
-        touches = [self.caution.touch, *(self.level(mesh, stride).touch for mesh, stride, _ in zip(
-            self.meshes[1:], (1, self.stride(2)), good))]
-        parts = self.caution.parts(self.values, good, self.ratios, self.singular, touches)
-        value, part = self.values["displacement"], parts["displacement"]
-        unseen = part.error is not None and part.error <= ROUNDING * value
-        if unseen and self.meshes[0] != self.base:
-            # that of a support: no mesh tells when a place between the supports moves by more
-            parts["displacement"] = Part(UNSEEN * value)
-        return parts | self.unresolved
-
-    def _time(self) -> dict[str, Part]:
-        """Every second and fourth time; without friction only the instant counts.
-
-        Where there are few steps, or so few would miss what the history does, twice and four times
-        as many.
-        """
-        steps = self.manifest.steps
-        if self.effects.frictional and (steps < FEW or departures(self.manifest, FEW)):
-            return self._more_time()
-        strides = [1, 2, 4] if self.effects.frictional else [1, 2]
-        strides = [stride for stride in strides if stride <= steps]
-        values = [self._values(self.base, stride) for stride in strides]
-        counts = [len(samples(self.manifest, stride)) - 1 for stride in strides]
-        ratios = [a / b for a, b in zip(counts, counts[1:])]
-        return self._parts("time", list(zip(values, values[1:])), ratios)
-
-    def _more_time(self) -> dict[str, Part]:
-        """From runs with more steps: their distance, and what the finest errs by itself."""
-        mesh = {**self.base, "sampling": FINER}
-        try:
-            self.levels.problem(**mesh)
-        except DriverError as problem:
-            self.notes.append(f"companion with {FINER * self.manifest.steps} steps: {problem}")
-            return dict.fromkeys(self.values, Part(None, note=UNTRIED))
-        values = [self._values(mesh, stride) for stride in (1, 2, 4)]
-        if None in values:
-            return dict.fromkeys(self.values, Part(None, note=UNTRIED))
-        parts = self._parts("time", list(zip(values, values[1:])), [2.0, 2.0])
-        return {name: Part(abs(values[2][name] - values[0][name]) + part.error, part.order)
-                for name, part in parts.items()}
-
-    def _jumps(self) -> dict[str, Part]:
-        """Jumps over cycles that are half as long."""
-        shorter = self.level(self.base, plan=jumps.halved(self.jumps))
-        return self._parts("jumps", [(self._values(self.base), shorter and shorter.values)], [2.0])
-
-    def _algebraic(self, first: dict, then: dict) -> dict[str, Part]:
-        """What settings `then` change in a run with those of `first`.
-
-        On the coarser mesh and in fewer steps they change less: what each step leaves adds up, and
-        contact forces answer to a residual like the condition of their problem, one over the size
-        of elements.
-        """
-        loose, stride = dataclasses.replace(self.settings, **first), self.stride(4)
-        scale = stride * (self.ratios[0] if self.base else 1.0)
-        before, after = (self._settled(stride, settings)
-                         for settings in (loose, dataclasses.replace(loose, **then)))
-        if before is None or after is None:
-            unknown = Part(None, note="the companion with tighter tolerances failed")
-            return dict.fromkeys(self.values, unknown)
-        return {name: Part(LEFT * scale * abs(before[name] - after[name]))
-                for name in self.values}
-
-    def _settled(self, stride: int, settings: Settings) -> dict | None:
-        """As `_values` on the base mesh, where rounding allows it with the residuals asked for."""
-        try:
-            return self.levels.run(settings, stride, **self.base).values
-        except DriverError:
-            as_run = dataclasses.replace(settings, primal_rtol=self.settings.primal_rtol)
-            return self._values(self.base, stride, as_run)
-
-    def _parts(self, source: str, runs: list, ratios: list[float]) -> dict[str, Part]:
-        """Parts of steps from pairs of finer and coarser runs, finest first."""
-        good, element = _whole(runs), self.manifest.element
-        return {name: extrapolate([fine[name] - coarse[name] for fine, coarse in good], ratios,
-                                  formal_order(source, element, name), value, True,
-                                  safety=OF_TIME)
-                for name, value in self.values.items()}
-
-
-def _whole(runs: list) -> list:
-    """Pairs of runs up to the first that failed."""
-    return runs[: next((k for k, pair in enumerate(runs) if None in pair), len(runs))]
-
-
-def assess(entry: dict, companions: Companions) -> dict[str, dict[str, Part]]:
-    """Fill the `entry` for summary.json with the error budget of a run; parts by source.
-
-    quantities, advice, notes: errors are absolute, `relative` is the total relative to the value;
-    None where a part is not known. Collective.
-    """
-    parts = companions.parts()
-    budget = {name: summed({source: part[name] for source, part in parts.items()}, value)
-              for name, value in companions.values.items()}
-    entry |= {"quantities": budget, "advice": advice(budget, companions.remedies()),
-              "notes": companions.notes}
-    return parts

@@ -34,8 +34,8 @@ SINGULAR = ("stiffness is not positive definite to rounding, which no cut can ca
 class TornFactor:
     """Factor of K_rr, the stiffness (n_r, n_r) of the torn dofs; made when it is first used.
 
-    One factorization serves both: the last rows of L for `reduced` and those of i and t for
-    `solve`. CHOLMOD's own factor is used up where it hands out L.
+    One factorization serves both: the last rows of L for `reduced` and, without the corners, all
+    of it for `solve`. CHOLMOD's own factor is used up where it hands out L.
     """
 
     def __init__(self, K, torn: np.ndarray, seen: np.ndarray):
@@ -44,7 +44,7 @@ class TornFactor:
         self._K, self._torn, self._inner = K, torn, int((~seen).sum())
         inner = np.flatnonzero(~seen)
         self._order = np.append(inner[_fill_reducing(K, torn[inner])], np.flatnonzero(seen))
-        # L_rr' as PETSc solves with it, and the torn dof of every one of its rows
+        # L' as PETSc solves with it, and the torn dof of every one of its first rows
         self._upper = self._place = None
 
     def reduced(self, corner: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -59,7 +59,7 @@ class TornFactor:
         self._place = self._order[places[: size - n_c]]
         whole = cholmod.getfactor(factor)
         L, n_t = _last_rows(whole, size - self._inner), size - self._inner - n_c
-        self._upper = _upper(whole, size - n_c)
+        self._upper = _upper(whole)
         L_tt, L_ct, L_cc = L[:n_t, :n_t], L[n_t:, :n_t], L[n_t:, n_t:]
         schur = L_cc @ L_cc.T - np.diag(added[size - n_c :])
         return _inverse(L_tt), _backward(L_tt, L_ct.T), (schur + schur.T) / 2
@@ -71,11 +71,13 @@ class TornFactor:
         if self._upper is None:
             self.reduced(np.empty(0, int))
         solution, (x, y) = np.empty_like(right), self._upper.createVecs()
+        torn = len(self._place)
         for k, column in enumerate(right.T):
-            x.array[:] = column[self._place]
+            x.array[:torn], x.array[torn:] = column[self._place], 0.0
             self._upper.solveTranspose(x, y)
+            y.array[torn:] = 0.0  # corners stay where they are
             self._upper.solve(y, x)
-            solution[self._place, k] = x.array
+            solution[self._place, k] = x.array[:torn]
         return solution
 
 
@@ -126,19 +128,15 @@ def _last_rows(L: spmatrix, count: int) -> np.ndarray:
     return np.array(matrix(L[-count:, -count:]))
 
 
-def _upper(L: spmatrix, count: int) -> PETSc.Mat:
-    """The transpose of the first `count` rows and columns of L, to solve with.
+def _upper(L: spmatrix) -> PETSc.Mat:
+    """The transpose of L, to solve with. Columns of L are its rows.
 
-    Columns of L are its rows; ILU(0) has nothing to eliminate in it and works in place.
+    ILU(0) has nothing to eliminate in it and works in place.
     """
     first, row, value = (np.asarray(part).ravel() for part in L.CCS)
-    first = first[: count + 1]
-    row, value = row[: first[-1]], value[: first[-1]]
-    kept = (row < count) & (value != 0)  # supernodes are padded with zeros
-    first = np.append(0, np.cumsum(kept))[first]
-    csr = first.astype(PETSc.IntType), row[kept].astype(PETSc.IntType), value[kept]
-    upper = PETSc.Mat().createAIJWithArrays((count, count), csr, comm=PETSc.COMM_SELF)
-    order = PETSc.IS().createStride(count, first=0, step=1, comm=PETSc.COMM_SELF)
+    csr = first.astype(PETSc.IntType), row.astype(PETSc.IntType), value
+    upper = PETSc.Mat().createAIJWithArrays(L.size, csr, comm=PETSc.COMM_SELF)
+    order = PETSc.IS().createStride(L.size[0], first=0, step=1, comm=PETSc.COMM_SELF)
     upper.factorILU(order, order)
     return upper
 

@@ -26,6 +26,9 @@ class Touch:
     # (k, 3) of the ends of boundaries: place, pressure over the mean one of those that touch
     ends: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     apart: float = np.inf  # least opening, where none touches
+    # (m, 2) opening of the nodes that do not touch, and length of their boundary
+    beside: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
+    edges: float = 0.0  # length of the element sides in which contact ends
 
     @classmethod
     def of(cls, nodes: dict, steps: dict, index: int, pressing_round: int) -> "Touch":
@@ -34,22 +37,32 @@ class Touch:
         sliding = (steps["status"][index] == SLIP)[closed].all()
         force = steps["sigma_t"][index] * nodes["weight"]
         one_way = abs(force.sum()) > ONE_WAY * np.abs(force).sum()
-        length = nodes.get("length", nodes["weight"])[closed]
+        whole = nodes.get("length", nodes["weight"])
+        length = whole[closed]
         pressure = -steps["sigma_n"][index]
         mean = pressure[closed] @ length / max(length.sum(), 1e-300)
         ends = [end for piece in chains(nodes) if not is_ring(nodes, piece)
                 for end in dict.fromkeys(piece[[0, -1]].tolist())]
         gap = steps["gap"][index] if "gap" in steps else nodes["gap"]
-        apart = (gap - steps["u_n"][index]).min(initial=np.inf, where=not closed.any())
+        opening = gap - steps["u_n"][index]
+        apart = opening.min(initial=np.inf, where=not closed.any())
         return cls(int(closed.sum()), pressing_round, bool(sliding and one_way),
                    between_nodes(nodes, steps, index), pressure[closed], length,
                    np.column_stack([nodes["xy"][ends], pressure[ends] / (mean or 1.0)]),
-                   float(apart))
+                   float(apart), np.column_stack([opening, whole])[~closed],
+                   sum(_sides(nodes, piece, closed[piece]) for piece in chains(nodes)))
 
     def lighter(self, part: float) -> float:
         """Length of contact whose pressure is below a part of the mean one."""
         mean = self.pressure @ self.length / max(self.length.sum(), 1e-300)
         return float(self.length[self.pressure < part * mean].sum())
+
+    def uncertain(self, way: float, part: float) -> float:
+        """Length of boundary that may be in contact or not: that of nodes apart by less than `way`
+        or under less than a `part` of the mean pressure, and the sides in which contact ends.
+        """
+        opening, length = self.beside.T
+        return float(length[opening < way].sum() + self.lighter(part) + self.edges)
 
 
 def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
@@ -91,3 +104,10 @@ def _ends(nodes: dict, piece: np.ndarray, closed: np.ndarray, pressure: np.ndarr
         if closed[end] and not mirrored and pressure[end] < FALLS * pressure[near]:
             ends.append(side[end] * (1 - max(pressure[end], 0.0) / pressure[near]))
     return ends
+
+
+def _sides(nodes: dict, piece: np.ndarray, closed: np.ndarray) -> float:
+    """Length of the element sides of a piece in which contact ends, or at whose ends it does."""
+    side = np.diff(nodes["arc"][piece]) * (2 if nodes["middle"].any() else 1)
+    at_end = 0.0 if is_ring(nodes, piece) or not len(side) else side[[0, -1]] @ closed[[0, -1]]
+    return float(side[closed[1:] != closed[:-1]].sum() + at_end)

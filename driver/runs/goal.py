@@ -27,10 +27,11 @@ import math
 from ..effects import Effects
 from ..effects.quasistatic import proportional
 from ..errors import DriverError, InputError, NoSolution, NotConverged
-from ..estimates import adjoint
-from ..estimates.budget import (FORMAL, SOURCES, Part, extrapolate, finer, formal_order,
+from ..estimates import adjoint, unresolved
+from ..estimates.budget import (FORMAL, SINGULAR, SOURCES, Part, extrapolate, finer, formal_order,
                                 main_quantity, mesh_knob, name_of, ratio, share, summed, vanishing)
 from ..estimates.caution import Caution
+from ..estimates.energy import of_level
 from ..estimates.polygons import stand_for_curves
 from ..estimates.torn_body import Gather, gather_body
 
@@ -222,18 +223,25 @@ class Search:
         finest, touches = levels[0], [level.touch for level in levels]
         ratios = [ratio(self.knob, b, a) for a, b in zip(sizes, sizes[1:])]
         problem = self.levels.problem(**self.mesh(sizes[0]))
-        caution = Caution.of(problem, touches[0], self._adjoint(sizes[0], finest),
+        adjoints, smoothed = self._adjoint(problem, finest)
+        energy = of_level(problem, finest, self.settings.estimator)
+        error, last = unresolved.energy_error(energy), finest.at == self.steps - 1
+        caution = Caution.of(problem, touches[0], adjoints, error,
                              polygons=stand_for_curves(problem))
-        self.parts["mesh"] = caution.parts(runs[0], list(zip(runs, runs[1:])), ratios,
-                                           finest.singular, touches)
+        self.parts["mesh"] = caution.parts(
+            runs[0], list(zip(runs, runs[1:])), ratios, finest.singular, touches
+        ) | unresolved.parts(runs[0], error, touches[0], problem.manifest.element, bool(adjoints),
+                             last and unresolved.blind(energy, smoothed))
         return self.budget()[self.name]
 
-    def _adjoint(self, size, level) -> dict:
-        """Sizes of the adjoint problem of the quantity, by its name, if it has any."""
-        problem = self.levels.problem(**self.mesh(size))
-        return adjoint.assess(problem, level.record, level.steps[level.at],
-                              {self.name: level.values[self.name]},
-                              lambda: gather_body(Gather(problem.operator)))[0]
+    def _adjoint(self, problem, level) -> tuple[dict, float | None]:
+        """Sizes of the adjoint problem of the quantity, by its name, if it has any; the error in
+        energy by smoothed stresses.
+        """
+        sizes, said = adjoint.assess(problem, level.record, level.steps[level.at],
+                                     {self.name: level.values[self.name]},
+                                     lambda: gather_body(Gather(problem.operator)))
+        return sizes, said.get("smoothed")
 
     def budget(self) -> dict:
         """Budget of every quantity on the finest mesh."""
@@ -303,7 +311,8 @@ class Search:
                 continue
             if met:  # tolerances were tightened
                 continue
-            unsettled = unsettled + 1 if entry["mesh"] is None else 0
+            grows = self.parts["mesh"][self.name].note == SINGULAR
+            unsettled = unsettled + 1 if grows else 0
             if unsettled > 1:
                 raise NoSolution(f"the {self._words()} cannot be had to {100 * self.asked:g} %: "
                                  "it grows from mesh to mesh, as at a singular point; "

@@ -43,10 +43,10 @@ class Hosts:
     source: str
 
 
-def use(file: Path | None, ranks: int | None) -> int:
+def use(file: Path | None, ranks: int | None) -> int | None:
     """Let Open MPI start ranks on the hosts of `file` or of an allocation; the number of ranks.
 
-    That is `ranks`, by default one for each slot of the hosts, or 1 on this host alone. Raises
+    That is `ranks`, by default one for each slot of the hosts, and None on this host alone. Raises
     InputError for a file that names no hosts and for more ranks than could start.
     """
     hosts = _given(file) or _allotted()
@@ -55,7 +55,7 @@ def use(file: Path | None, ranks: int | None) -> int:
         if ranks and ranks > most:
             raise InputError(f"NP expects a number of ranks from 1 to {most} on this machine, "
                              f"not '{ranks}'")
-        return ranks or 1
+        return ranks
     if ranks and ranks > RANKS_PER_CORE * hosts.slots:
         raise InputError(f"NP={ranks} ranks on the {hosts.slots} slots of {hosts.source}: at most "
                          f"{RANKS_PER_CORE} a slot can start")

@@ -13,10 +13,18 @@ from pathlib import Path
 
 from .. import environment
 from ..errors import Defect, DriverError, InputError, defect_line
+from ..options import CORES
+from ..scene.manifest import Manifest
 from . import hosts
 from .request import NAME, Request
 
 ANSWER = "answer.json"
+RANK = 80_000  # dofs for which a rank of its own pays, though it starts after FreeFEM has ended
+
+
+def ranks_for(manifest: Manifest) -> int:
+    """The ranks that solve an export soonest on this machine, where nobody asked for a number."""
+    return max(1, min(CORES, manifest.subdomains, 2 * manifest.nodes // RANK))
 
 
 def solve(work: Path, request: Request, ranks: int, stage) -> tuple[int, str]:

@@ -36,7 +36,7 @@ class Run:
 
     scene: Path  # the script
     out: Path
-    ranks: int
+    ranks: int | None  # None: the solver's follow from the size, and FreeFEM has one
     settings: dict  # of the solver, only those that were given
     parameters: dict[str, str]  # of the scene, as text
     without: tuple[str, ...] = ()
@@ -72,6 +72,12 @@ class Run:
                    given.parameters, **{name: given[name] for name in names})
 
 
+    @property
+    def front_ranks(self) -> int:
+        """The ranks of what begins before the size is known."""
+        return self.ranks or 1
+
+
 # ---- what the ranks do ---------------------------------------------------------------------------
 
 def solver():
@@ -97,10 +103,10 @@ def execute(run: Run) -> dict:
     beside that.
     """
     with Workspace(run.out) as place:
-        hosts.check(place.path, run.ranks)
+        hosts.check(place.path, run.front_ranks)
         cycles = _refine(run, place)
         if run.accuracy:
-            status, reason = solve(run, place.path, Request.of(run), search)
+            status, reason = solve(run, place.path, Request.of(run), search, run.front_ranks)
         else:
             request = Request.of(run, cycles=tuple(map(str, cycles)))
             status, reason = _cycle(run, place, place.path, cycles, request)
@@ -138,26 +144,26 @@ def _cycle(run: Run, place: Workspace, work: Path, before: list[Path],
     """
     clock = time.perf_counter()
     sizes = before[-1] / refinement.STEM if before else None
-    freefem.export(run.scene, work / "export", run.parameters, run.ranks, sizes,
-                   lambda: _prepare(run), run.without)
+    manifest = freefem.export(run.scene, work / "export", run.parameters, run.front_ranks, sizes,
+                              lambda: _prepare(run), run.without)
     choices = {"fields": request.fields, "without": list(request.without)}
     content = seal.read(work / "export").content
     identity = checkpoint.fingerprint(content, {**request.settings, **choices})
     _resume(run, place, work, identity)
     seconds = {**refinement.seconds(before), "export": time.perf_counter() - clock}
     request = dataclasses.replace(request, fingerprint=identity, seconds=seconds)
-    return solve(run, work, request, solver)
+    return solve(run, work, request, solver, run.ranks or launch.ranks_for(manifest))
 
 
 def _prepare(run: Run) -> None:
     """What takes time and does not need the export."""
-    launch.preload(solver, run.ranks)
+    launch.preload(solver, run.front_ranks)
     checkpoint.program()
 
 
-def solve(run: Run, work: Path, request: Request, stage) -> tuple[int, str]:
-    """Exit status and reason of a stage on the ranks; a refusal has the scene's line."""
-    status, reason = launch.solve(work, request, run.ranks, stage)
+def solve(run: Run, work: Path, request: Request, stage, ranks: int) -> tuple[int, str]:
+    """Exit status and reason of a stage on so many ranks; a refusal has the scene's line."""
+    status, reason = launch.solve(work, request, ranks, stage)
     refused = status == InputError.exit_status
     return status, explain.placed(reason, run.scene) if refused else reason
 

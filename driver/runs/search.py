@@ -53,9 +53,10 @@ class Tried:
         self.meshes = [search.mesh(size) for size in search.sizes[:-4:-1]]
         self.base, self.values = self.meshes[1], search._values(search.sizes[-1])
         self.levels.problems[()] = problem
+        self.coarse_stride = self.stride(2)
 
     def stride(self, wanted: int) -> int:
-        """As of estimates.levels.Companions."""
+        """As of estimates.companions.Companions."""
         return max(stride for stride in (1, 2, 4) if stride <= min(wanted, self.manifest.steps))
 
     def level(self, mesh: dict, stride: int = 1, quiet: bool = True):

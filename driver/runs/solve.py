@@ -288,7 +288,8 @@ def _budget(errors: dict, directory: Path, request: Request, problem: Problem, w
     """
     from ..estimates import adjoint
     from ..estimates.alternatives import price_list
-    from ..estimates.levels import Companions, Levels, assess
+    from ..estimates.companions import Companions, assess
+    from ..estimates.levels import Levels
     from ..estimates.prices import Measured
 
     settings = Settings(**{**request.settings, "uniqueness": "no"})

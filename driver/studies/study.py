@@ -53,15 +53,17 @@ def make_study(pairs: dict[str, str]) -> tuple[dict, Path]:
     out = (run.out if "out" in pairs else RESULTS / "study" / f"{run.scene.stem}-{name}")
     with Workspace(out) as place:
         clock, work = time.perf_counter(), place.path
-        hosts.check(work, run.ranks)
-        freefem.export_study(
+        ranks = run.front_ranks
+        hosts.check(work, ranks)
+        manifest, *_ = freefem.export_study(
             run.scene, work / "values", run.parameters, name, values,
-            lambda: freefem.export(run.scene, work / "export", run.parameters, run.ranks, None,
-                                   lambda: launch.preload(solver, run.ranks), run.without),
+            lambda: freefem.export(run.scene, work / "export", run.parameters, ranks, None,
+                                   lambda: launch.preload(solver, ranks), run.without),
             run.without)
         request = Request.of(run, study=name, values=tuple(values),
                              seconds={"export": time.perf_counter() - clock})
-        status, reason = solve(run, work, request, solver)
+        status, reason = solve(run, work, request, solver,
+                               run.ranks or launch.ranks_for(manifest))
         if not (work / "summary.json").exists():
             raise error_of(status, reason)
         if run.figures:

@@ -11,7 +11,7 @@ SERVES = {
     "pairs of bodies": {"driver.contact.mortar", "driver.estimates.pair_bound"},
     "friction": {"driver.qp.complementarity", "driver.march.uniqueness",
                  "driver.march.globalization", "driver.march.condensation"},
-    "error estimates": {"driver.estimates.levels", "driver.estimates.energy",
+    "error estimates": {"driver.estimates.companions", "driver.estimates.energy",
                         "driver.estimates.equilibration"},
     "accuracy asked for": {"driver.runs.goal", "driver.runs.search"},
 }

@@ -12,7 +12,7 @@ from mpi4py import MPI
 from driver.estimates import budget, unresolved
 from driver.estimates.adjoint import Sizes
 from driver.estimates.budget import name_of
-from driver.estimates.levels import Companions
+from driver.estimates.companions import Companions
 from driver.options import Settings
 from driver.results.touch import Touch
 from driver.runs.solve import NO_ESTIMATES
@@ -171,7 +171,7 @@ def test_each_tolerance_has_its_share(coulomb, name):
     loose, levels = Settings(**{**tight, name: 1e-4}), Linear()
     effects = Declared(quasistatic=False, frictional=coulomb, pressure_bounds_friction=coulomb)
     manifest = SimpleNamespace(parameters={"cells": 8}, steps=1, element="P1", nodes=0,
-                               curved=[])
+                               curved=[], between={})
     record = SimpleNamespace(quantities=lambda: ({"displacement": levels.value(loose)}, 0),
                              singular_places=lambda: (), touch=lambda _index: Touch(open={}))
     companions = Companions(levels, problem_of(manifest, effects), loose, record, {})

@@ -7,8 +7,8 @@ import pytest
 from mpi4py import MPI
 
 from driver.estimates import caution
-from driver.estimates.adjoint import Sizes
-from driver.estimates.budget import PAIR, SAFETY
+from driver.estimates.adjoint import SEES, Sizes
+from driver.estimates.budget import PAIR, SAFETY, Part
 from driver.estimates.caution import Caution
 from driver.results.touch import Touch
 
@@ -46,11 +46,30 @@ def test_linear_elements_in_what_keeps_its_volume_are_trusted_less():
     assert stiff == pytest.approx(np.sqrt(9 / 2))
     assert Caution.of(problem(0.49, "P2"), NONE, {}).stiff == 1.0
     assert Caution.of(problem(0.45, plane="stress"), NONE, {}).stiff == 1.0
-    plain = of({"slip": power(1.0)})["slip"].error
-    assert of({"slip": power(1.0)}, stiff=stiff)["slip"].error == pytest.approx(stiff * plain)
-    small = {"slip": Sizes(1e-9, 5e-3, 1e-9)}
-    assert of({"slip": power(1.0)}, sizes=small)["slip"].error == pytest.approx(0.02)
-    assert of({"slip": power(1.0)}, sizes=small, stiff=2.0)["slip"].error == pytest.approx(0.04)
+    locked = {"slip": [1.0, 1.01, 1.02]}  # does not converge
+    plain = of(locked)["slip"].error
+    assert of(locked, stiff=stiff)["slip"].error == pytest.approx(stiff * plain)
+    small = {"slip": Sizes(1e-9, 5e-3, 2e-3)}
+    bound = 2 * 2e-3 / SEES**2
+    assert of({"slip": power(1.0)}, sizes=small)["slip"].error == pytest.approx(bound)
+    assert of({"slip": power(1.0)}, sizes=small, stiff=2.0)["slip"].error == pytest.approx(
+        2 * bound)
+
+
+def test_an_observed_order_has_the_loss_of_stiff_elements_in_it():
+    for order in (0.3, 1.0, 1.8):
+        plain, stiff = (of({"slip": power(order)}, stiff=s)["slip"].error for s in (1.0, 3.0))
+        assert stiff == plain
+
+
+def test_two_meshes_are_trusted_as_little_as_three():
+    """On rough meshes and of stiff elements: displacements on two coarse ones, 33 % below."""
+    values = {"displacement": power(1.0, 2)}
+    plain = of(values)["displacement"].error
+    assert plain == pytest.approx(PAIR * 0.07)
+    assert of(values, stiff=2.0)["displacement"].error == pytest.approx(2 * plain)
+    rough = of(values, energy=0.45)["displacement"].error
+    assert rough == pytest.approx(plain * (1 + caution.STEEP * (0.45 - caution.ROUGH)))
 
 
 def test_rough_meshes_are_trusted_less():
@@ -64,10 +83,10 @@ def test_chords_of_a_round_boundary_are_of_second_order():
     chords = Caution.of(problem(0.3, "P2"), round_, {})
     assert chords.chords and not Caution.of(problem(0.3, "P2", declared), round_, {}).chords
     assert not Caution.of(problem(0.3), round_, {}).chords
-    values, small = {"displacement": power(3.0)}, {"displacement": Sizes(1e-9, 6e-4, 1e-9)}
+    values, small = {"displacement": power(2.5)}, {"displacement": Sizes(1e-9, 6e-4, 3e-4)}
     free = of(values, element="P2", sizes=small)["displacement"].error
     error = of(values, element="P2", sizes=small, chords=True)["displacement"].error
-    assert free == pytest.approx(2.4e-3) and error > 2 * free
+    assert free == pytest.approx(6e-4 / SEES**2) and error > 2 * free
 
 
 def test_resultants_that_no_adjoint_problem_holds_are_trusted_less():
@@ -85,7 +104,8 @@ def test_two_meshes_of_elements_that_converge_fast():
     change, sizes = 0.07, {"displacement": Sizes(1e-9, 0.01, 1.0)}
     assert of(values, element="P2")["displacement"].error == pytest.approx(PAIR * change)
     for more, part in (({}, 1.0), ({"element": "P2"}, 1 / 3), ({"adapted": True}, 1 / 3)):
-        found = of(values, sizes=sizes, **more)
+        # of a polygon's error adjoint problems see nothing: meshes speak
+        found = of(values, sizes=sizes, chords=True, **more)
         assert found["displacement"].error == pytest.approx(PAIR * change * part)
         for name in ("contact_length", "slip"):
             assert found[name].error == pytest.approx(PAIR * change)
@@ -104,8 +124,8 @@ def test_friction_at_its_bound_is_not_sure_where_sliding_is_not():
 
 
 def test_shear_that_no_adjoint_problem_holds_may_be_that_of_the_mesh():
-    """Not less than the error in energy, squared, makes of the pressing force: less of it where an
-    adjoint problem holds the shear, nothing where the loads give it and meshes agree on it.
+    """Not less than the error in energy, squared, makes of the pressing force: where an adjoint
+    problem holds the shear that speaks, and nothing where the loads give it and meshes agree on it.
     """
     values = {"tangential_resultant": [0.02, 0.03, 0.02], "slip": [0.0, 0.0, 0.0],
               "normal_resultant": [6.0, 6.1, 6.2]}
@@ -113,7 +133,7 @@ def test_shear_that_no_adjoint_problem_holds_may_be_that_of_the_mesh():
     assert found == pytest.approx(caution.SHEAR * 0.2**2 * 6.0)
     held = {"tangential_resultant": Sizes(1e-9, 0.01, 1.0)}
     less = of(values, energy=0.2, sizes=held)["tangential_resultant"].error
-    assert less == pytest.approx(caution.SHEAR_HELD * 0.2**2 * 6.0)
+    assert less == pytest.approx(0.01 / SEES**2)
     values["tangential_resultant"] = [2.0, 2.00001, 2.00002]
     assert of(values, energy=0.2)["tangential_resultant"].error < 1e-3
 
@@ -130,18 +150,32 @@ def test_two_meshes_alone_say_nothing_of_shear():
     assert of(values)["tangential_resultant"].error < 1e-3
 
 
-def test_errors_do_not_cancel_where_meshes_tell_no_order():
-    """Two meshes, or three that turn: not less than the adjoint problem's error without
-    cancellation; with an order 1.5 times what it is with it.
+def test_errors_of_forces_do_not_cancel_where_meshes_tell_no_order():
+    """Two meshes, or three that turn, do not converge, or do so faster than they can: the adjoint
+    problem speaks alone; of displacements with the cancellation that it sees. With an order a claim
+    is 1.5 times what it is with it at least.
     """
+    chance = [[1.0, 1.01], [1.0, 1.01, 0.99], [1.0, 1.01, 1.02], [1.0, 1.0001, 1.01]]
+    for values in chance:
+        for name, size, error in (
+                ("normal_resultant", Sizes(0.01, 0.5, 0.5), 0.5 / SEES**2),
+                ("displacement", Sizes(0.01, 0.5, 0.5), 0.5),
+                ("displacement", Sizes(0.4, 0.5, 0.5), 0.4 / SEES**2)):
+            found = of({name: values}, sizes={name: size})[name]
+            assert found.error == pytest.approx(error), (values, name)
     sizes = {"normal_resultant": Sizes(0.01, 0.5, 0.5)}
-    for values, error in (([1.0, 1.01], 0.5), ([1.0, 1.01, 0.99], 0.5), ([1.0, 1.01, 1.02], 0.5),
-                          ([1.0, 1.001, 1.003], 0.015)):
-        found = of({"normal_resultant": values}, sizes=sizes)["normal_resultant"]
-        assert found.error == pytest.approx(error)
-    wide = {"normal_resultant": Sizes(0.4, 0.5, 0.5)}
-    found = of({"normal_resultant": [1.0, 1.01]}, sizes=wide)["normal_resultant"]
-    assert found.error == pytest.approx(0.6)
+    found = of({"normal_resultant": [1.0, 1.001, 1.003]}, sizes=sizes)["normal_resultant"]
+    assert found.error == pytest.approx(0.015)
+
+
+def test_work_is_not_sure_where_sliding_is_not():
+    """Meshes of bodies that all but stick may agree on the work, 0.55 of whose error was claimed
+    under given friction in turning histories: the slip of any one may be chance.
+    """
+    values = {"dissipated_energy": [5.0, 5.01, 5.02], "slip": [0.1, 0.2, 0.3]}
+    assert of(values)["dissipated_energy"].error == 5.0
+    values["slip"] = [0.1, 0.101, 0.103]
+    assert of(values)["dissipated_energy"].error < 0.2
 
 
 def sharp(pressure):
@@ -155,7 +189,7 @@ def test_integrals_are_approached_no_faster_than_sharp_ends_leave():
     """
     touches = [sharp(3 * 0.5 ** (-0.75 * k)) for k in (2, 1, 0)]
     names = ("displacement", "dissipated_energy", "contact_length")
-    values = {name: power(2.0) for name in names}
+    values = {name: power(2.0) for name in names} | {"slip": [3.0, 3.0, 3.0]}
     smooth, rough = of(values), of(values, touches=touches)
     rest = abs(np.diff(values["displacement"])[1]) / ((2**0.5 - 1) * 2**0.5)
     for name, safety in zip(names, (SAFETY, caution.CAUTION["dissipated_energy"])):
@@ -187,12 +221,39 @@ def test_contact_that_may_be_there_is_not_claimed_to_be_none():
 
 def test_no_less_is_claimed_than_nodes_leave_open():
     touch = Touch(nodes=9, open={"contact_length": 0.5})
-    assert of({"contact_length": power(2.0)}, touch=touch)["contact_length"].error == 0.5
+    values = {"contact_length": power(2.0), "displacement": power(2.0)}
+    assert of(values, touch=touch)["contact_length"].error == 0.5
 
 
 def test_contact_under_little_pressure_may_not_be_there():
     """All meshes close all nodes; those that carry less than the mesh errs by may be open."""
     touch = Touch(nodes=4, open={}, pressure=np.array([6.0, 5.0, 1.0, 0.0]), length=np.ones(4))
-    values = {"contact_length": [4.0, 4.0, 4.0]}
+    values = {"contact_length": [4.0, 4.0, 4.0], "displacement": power(2.0)}
     for energy, open_ in ((0.1, 1.0), (0.8, 1.0), (1.6, 2.0)):
         assert of(values, touch=touch, energy=energy)["contact_length"].error == open_
+
+
+def test_no_more_is_claimed_of_contact_than_could_touch_or_open():
+    """Nodes apart by less than displacements err or under less pressure than the mesh errs by, and
+    the sides in which contact ends, whatever a coarse mesh has closed.
+    """
+    touch = Touch(nodes=4, open={}, pressure=np.array([6.0, 5.0, 1.0, 0.0]), length=np.ones(4),
+                  beside=np.array([[0.001, 2.0], [1.0, 3.0]]), edges=0.5)
+    values = {"contact_length": [4.0, 5.0, 40.0], "displacement": power(1.0)}
+    way = of(values)["displacement"].error
+    assert 0.001 < way < 1.0
+    for energy, length in ((0.1, 3.5), (0.8, 4.5)):
+        found = of(values, touch=touch, energy=energy)["contact_length"].error
+        assert found == pytest.approx(length)
+    # without an error in energy nothing limits it
+    assert of(values, touch=touch)["contact_length"].error > 10
+
+
+def test_resultants_that_loads_give_are_known_by_their_mesh():
+    """They hardly change from mesh to mesh, beside the pressing force."""
+    values = {"normal_resultant": 50.0, "tangential_resultant": 1e-3}
+    for normal, shear, given in ((4e-4, 4e-4, set(values)), (1e-2, 4e-4, {"tangential_resultant"}),
+                                 (None, 1e-2, set())):
+        parts = {"normal_resultant": Part(normal), "tangential_resultant": Part(shear)}
+        assert caution.by_balance(values, parts) == given
+    assert caution.by_balance({"displacement": 1.0}, {}) == set()

@@ -1,5 +1,6 @@
 """Adjoint problems and companions by themselves, on a dense dual matrix and a few numbers."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,9 +8,10 @@ import pytest
 from mpi4py import MPI
 
 from driver.contact.states import OPEN, SLIP, STICK
-from driver.estimates import adjoint
+from driver.estimates import adjoint, refinement
 from driver.estimates.adjoint import Adjoint
-from driver.estimates.levels import Companions, _whole, samples
+from driver.estimates.companions import Companions, _whole
+from driver.estimates.levels import Levels, samples
 from driver.options import Settings
 
 NODES, OWNED = 4, 10  # normal rows, then tangential ones, then two that glue
@@ -142,6 +144,28 @@ def test_strides_leave_a_step(steps, strides):
     assert [of.stride(wanted) for wanted in (1, 2, 4)] == strides
 
 
+@pytest.mark.parametrize("frictional, history, stride", [
+    (True, [0, 1, 0, 1, 0], 1), (True, [0, 1, 2, 3, 4], 2), (False, [0, 1, 0, 1, 0], 2)])
+def test_coarse_meshes_see_the_turns_of_a_history(frictional, history, stride):
+    """Every second time would miss them, and with friction the end depends on the way."""
+    of = object.__new__(Companions)
+    of.effects = SimpleNamespace(frictional=frictional)
+    of.manifest = SimpleNamespace(steps=4, t_end=1.0, between={1: history})
+    assert of.coarse_stride == stride
+
+
+def test_a_cycle_with_other_steps_has_its_mesh_and_those_steps():
+    """From its export where nothing else is asked for; else by the sizes the cycle before left."""
+    of, asked = object.__new__(Levels), []
+    of.folder, of.cycles = Path("runs"), [Path("first"), Path("second")]
+    of.exported = lambda *words: asked.append(words)
+    of._assemble({"cycle": 1, "sampling": 4})
+    of._assemble({"cycle": 0, "sampling": 4})
+    (_, changes, sizes, key), (_, _, none, _) = asked
+    assert changes == {"sampling": 4} and sizes == Path("first") / refinement.STEM and none is None
+    assert key == (("cycle", 1), ("sampling", 4))
+
+
 def test_what_lowers_each_part_is_said():
     """The mesh by half a size or twice as many cells, all else by its own option."""
     of = object.__new__(Companions)
@@ -160,16 +184,19 @@ def test_tighter_companions_tell_what_tolerances_leave():
     """Twice their distance, for every step that they leave out and for the size of their mesh."""
     of = object.__new__(Companions)
     of.settings, of.base, of.ratios = Settings(rtol=1e-6, primal_rtol=1e-5), {"h": 1}, [2.5]
-    of.manifest, of.values, asked = SimpleNamespace(steps=3), {"slip": 0.0}, []
+    of.manifest, asked = SimpleNamespace(steps=3), []
+    of.values, of.given = {"slip": 0.0, "normal_resultant": 0.0}, {"normal_resultant"}
 
     def run(settings, stride, **mesh):
         asked.append((settings.rtol, settings.primal_rtol, stride, mesh))
-        return SimpleNamespace(values={"slip": 1.0 + settings.rtol})
+        return SimpleNamespace(values=dict.fromkeys(of.values, 1.0 + settings.rtol))
 
     of.levels = SimpleNamespace(run=run)
     found = of._algebraic({"rtol": 1e-3}, {"rtol": 1e-5, "primal_rtol": 1e-7})
     assert asked == [(1e-3, 1e-5, 2, {"h": 1}), (1e-5, 1e-7, 2, {"h": 1})]
     assert found["slip"].error == pytest.approx(2 * 2 * 2.5 * (1e-3 - 1e-5))
+    # forces that loads give do not add up over steps, nor answer to the size of elements
+    assert found["normal_resultant"].error == pytest.approx(2 * (1e-3 - 1e-5))
     of.base = {}
     assert of._algebraic({"rtol": 1e-3}, {})["slip"].error == 0.0
     of._settled = lambda stride, settings: None

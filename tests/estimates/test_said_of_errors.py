@@ -9,7 +9,8 @@ from driver.errors import InputError, NotConverged
 from driver.estimates import alternatives, budget, energy, soundness
 from driver.estimates.bound import Estimate, _root, coupling
 from driver.estimates.budget import Part
-from driver.estimates.levels import Companions, Levels
+from driver.estimates.companions import Companions
+from driver.estimates.levels import Levels
 from driver.options import Settings
 
 UNITS = {"length": "mm", "stress": "MPa"}
@@ -294,7 +295,7 @@ def test_errors_of_coarser_meshes_add_up_to_one_that_failed():
         return value and SimpleNamespace(values={"slip": value})
 
     of.companions = SimpleNamespace(meshes=[{}, {"h": 2.0}, {"h": 4.0}], level=level,
-                                    stride=lambda wanted: wanted)
+                                    coarse_stride=2)
     assert of._errors() == pytest.approx([0.5, 0.75, 1.25])
     del values[4.0, 2]
     assert of._errors() == pytest.approx([0.5, 0.75])

@@ -15,7 +15,7 @@ import pytest
 
 from driver import cli, environment
 from driver.errors import InputError
-from driver.estimates import levels, prices
+from driver.estimates import companions, prices
 from driver.march import checkpoint
 from driver.runs import guard, run, solve, workspace
 
@@ -194,7 +194,7 @@ def test_estimates_that_fail_leave_the_results_with_a_warning(tmp_path, monkeypa
     def fail(*_):
         raise failure
 
-    monkeypatch.setattr(levels, "assess", fail)
+    monkeypatch.setattr(companions, "assess", fail)
     out = execute(f"OUT={tmp_path / 'out'}", "ERRORS=yes").out
     summary = json.loads((out / "summary.json").read_text())
     warning, = (line for line in summary["warnings"] if line.startswith(solve.NO_ESTIMATES))
@@ -219,13 +219,13 @@ def test_a_price_list_that_fails_leaves_the_budget_with_a_warning(tmp_path, monk
 SPOILED = """
 import sys
 from driver import cli, environment
-from driver.estimates import levels
+from driver.estimates import companions
 from mpi4py import MPI
 def assess(*_):
     if MPI.COMM_WORLD.rank == 1:
         raise ValueError("Singular matrix")
     MPI.COMM_WORLD.barrier()
-levels.assess = assess
+companions.assess = assess
 cli.main()
 """
 

@@ -234,7 +234,7 @@ def test_the_slots_of_a_file_are_the_ranks(tmp_path):
 
 
 def test_this_host_alone_has_one_rank_and_keeps_its_settings():
-    assert hosts.use(None, None) == 1 and hosts.use(None, 2) == 2
+    assert hosts.use(None, None) is None and hosts.use(None, 2) == 2
     assert environment.HOST_FILE not in os.environ
     assert environment.child_environment()["OMPI_MCA_pml"] == "ob1"
     assert "-x" not in environment.mpirun(2, dict(os.environ))

@@ -113,3 +113,29 @@ include "export.idp"
         return
     with pytest.raises(InputError, match="not positive definite"):
         built(scene, reduce=False, cells=2)
+
+
+UNEVEN = """include "scene.idp"
+subdomains("3");
+body = square(6, 3, [2*x, y]);
+macro young() (1 + x^2*y^2) //
+macro poisson() 0. //
+macro support() on(4, u1 = 0., u2 = 0.) //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_moduli_that_vary_inside_triangles_are_integrated(built, tmp_path, element):
+    """u = (x, 0) on [0, 2] x [0, 1] takes the energy int E/2 = (2 + 8/9)/2.
+
+    FreeFEM's own rule is exact to degree 5; those that suffice for constant moduli are not.
+    """
+    path = tmp_path / "uneven.edp"
+    path.write_text(UNEVEN)
+    energy = 0.0
+    for sub in built(path, reduce=False, element=element).subdomains:
+        u = np.zeros(sub.dofs)
+        u[0::2] = sub.xy[:, 0]
+        energy += u[sub.rows] @ (sub.values * u[sub.columns]) / 2
+    assert energy == pytest.approx((2 + 8 / 9) / 2, rel=1e-13)

@@ -1,0 +1,46 @@
+"""How many ranks solve what nobody gave a number of ranks for."""
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from driver import cli
+from driver.runs import launch, run
+from driver.scene import freefem
+
+WORDS = ("SCENE=model", "STEPS=1", "ERRORS=no", "FIGURES=no", "QUIET=yes")
+
+
+@pytest.fixture(scope="module")
+def manifest(tmp_path_factory):
+    """That of a small export."""
+    return freefem.export(freefem.find_scene("model"), tmp_path_factory.mktemp("launch") / "export",
+                          {"steps": "1"}, 1)
+
+
+@pytest.mark.parametrize("dofs, subdomains, cores, ranks", [
+    (2, 1, 8, 1), (launch.RANK - 2, 16, 8, 1), (2 * launch.RANK - 2, 16, 8, 1),
+    (2 * launch.RANK, 16, 8, 2), (5 * launch.RANK, 16, 8, 5), (100 * launch.RANK, 16, 8, 8),
+    (100 * launch.RANK, 3, 8, 3), (100 * launch.RANK, 16, 1, 1)])
+def test_ranks_follow_from_dofs_subdomains_and_cores(manifest, monkeypatch, dofs, subdomains,
+                                                     cores, ranks):
+    """One for each RANK dofs, none without a subdomain, no more than there are cores."""
+    monkeypatch.setattr(launch, "CORES", cores)
+    assert launch.ranks_for(replace(manifest, nodes=dofs // 2, subdomains=subdomains)) == ranks
+
+
+def test_a_run_has_the_ranks_that_its_size_pays_for_unless_they_are_given(tmp_path, monkeypatch):
+    """The small model has one; if a rank paid for a hundred dofs, two, with the same bits."""
+    seen = {}
+    for name, dofs, words in (("small", launch.RANK, ()), ("large", 100, ()),
+                              ("given", 100, ("NP=1",))):
+        monkeypatch.setattr(launch, "CORES", 2)
+        monkeypatch.setattr(launch, "RANK", dofs)
+        out = tmp_path / name
+        run.execute(run.Run.from_pairs(cli.parse_pairs([*WORDS, *words, f"OUT={out}"])))
+        ranks = json.loads((out / "summary.json").read_text())["ranks"]
+        seen[name] = ranks, (out / "contact.csv").read_bytes()
+    ranks, bits = zip(*seen.values())
+    assert ranks == (1, 2, 1)
+    assert len(set(bits)) == 1
