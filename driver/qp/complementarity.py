@@ -294,7 +294,7 @@ def _obeys_somewhere(problem: CoulombProblem, states, z, directions) -> bool:
     rest, slopes = _slack(problem, states, z), []
     for line in directions.T:
         slopes.append(_slack(problem, states, z + line) - rest)  # the law is affine in a state
-    size = max(np.abs(rest).max(initial=0.0), np.abs(problem.rigidity * problem.load).max())
+    size = max(np.abs(rest).max(initial=0.0), np.abs(problem.rigidity * problem.load).max()) or 1.0
     with silenced():
         answer = linprog(np.zeros(len(slopes)), A_ub=-np.array(slopes).T / size,
                          b_ub=rest / size + SLACK, bounds=(None, None),
