@@ -274,6 +274,32 @@ def test_what_a_bound_of_rounding_admits_is_the_last_resort(later, taken):
     assert len(selected) == (taken <= len(later))
 
 
+@pytest.mark.parametrize("unbalanced", [False, True])
+def test_what_exacter_forces_do_not_balance_is_no_refusal(unbalanced):
+    """A search that ends without equilibrium at tightened tolerances, where forces balance to what
+    was asked for: a residual stays too large. `unbalanced`: they do not.
+    """
+    ways = []
+
+    def fails(index, load, x, gradient, *_):
+        ways.append("find")
+        if len(ways) > 1:
+            raise Unfinished(NoSolution("no equilibrium"), x, gradient)
+        return x, gradient, np.zeros(N)
+
+    def condensed(index, load, x, gradient, *_):
+        ways.append("condensed")
+        raise Unfinished(NoSolution("no equilibrium"), x, gradient)
+
+    said = [{"cone": 0.5, "equilibrium": 1.0 if unbalanced else 0.0} for _ in range(9)]
+    s = solver(fails, said)
+    s.operator.levels, s.corners.condensed = 2, condensed
+    with pytest.raises(Unfinished) as failed:
+        earned(s)
+    assert isinstance(failed.value.error, NoSolution if unbalanced else NotConverged)
+    assert ways == ["find", "find", "condensed"]
+
+
 def test_what_stays_too_large_is_said():
     """After the condensed problem has been tried in the place of successive approximations."""
     found.asked, tried = [], []
