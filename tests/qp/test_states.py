@@ -38,7 +38,8 @@ def test_forces_come_onto_the_bounds_of_their_states(offset):
 def test_a_stiff_body_among_soft_ones_keeps_its_digits(stiff, unit):
     """Nodes of a free body `stiff` times as stiff as the others, in the same linear system.
 
-    In any `unit` of length over force. A multiplier may be off by its condition times a rounding, that of each body by itself.
+    In any `unit` of length over force. A multiplier may be off by its condition times a rounding,
+    that of each body by itself.
     """
     rng = np.random.default_rng(5)
     root = rng.standard_normal((2, 5, 8))
