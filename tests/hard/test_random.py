@@ -318,12 +318,23 @@ include "export.idp"
 """
 
 
-@pytest.mark.parametrize("low, shares", [(0.0, True), (0.1, False)])
+@pytest.mark.parametrize("low, shares", [(0.0, True), (1e-4, True), (0.1, False)])
 def test_bodies_that_share_forces(low, shares, tmp_path):
-    """Two blocks side by side on one floor do, on floors of their own they do not."""
+    """Two blocks side by side on one floor do, but for a thousandth; on floors of their own not."""
     path = tmp_path / "pair.edp"
     path.write_text(PAIR.format(low=low))
     assert judgement.shares_forces(judgement.Problem.of(path, {}).body) == shares
+
+
+@pytest.mark.parametrize("rooms, doubtful", [({}, False), ({"slip_law": {}}, True)])
+def test_near_solutions_are_one_unless_friction_falls_with_slip(rooms, doubtful, monkeypatch):
+    """Forces that differ where displacements do not: two nodes may stick in turn where it does."""
+    monkeypatch.setattr(laws, "distance", lambda *_: 1e-6)
+    monkeypatch.setattr(judgement, "shares_forces", lambda _: False)
+    monkeypatch.setattr(judgement.Problem, "contraction", np.inf)
+    run = SimpleNamespace(contact={}, summary={"uniqueness": {"verdict": "not examined"}})
+    problem = judgement.Problem(SimpleNamespace(rooms=rooms), None)
+    assert problem.not_unique([run, run]).startswith("uniqueness is not proved") == doubtful
 
 
 def test_small_friction_is_proved_unique(problem):
