@@ -130,7 +130,7 @@ class Tightening:
         stays = NotConverged(
             f"{step_name(self.index)}: the {name} residual stays at {found[name]:.1e}, above the "
             f"{residuals.asked(name):.0e} that was asked for")
-        if self.stop and excess.get("equilibrium", 0.0) <= 1:
+        if isinstance(self.stop, NoSolution) and excess.get("equilibrium", 0.0) <= 1:
             self.stop = stays  # none was found to more digits than were asked for
         if self.stop or idle:
             state = self._otherwise(x, gradient, sliding, stays)
