@@ -322,7 +322,8 @@ class _Writer:
         """Whether an obstacle that shifts along `axis` slides along some contact side."""
         sides = (side for shape in self.bodies.shapes
                  for side in shape.labelled(*self.bodies.contact))
-        return any(np.abs(np.delete(side.normal, "XY".index(axis)))[0] > 1e-9 for side in sides)
+        return any(side.centre is not None
+                   or np.abs(np.delete(side.normal, "XY".index(axis)))[0] > 1e-9 for side in sides)
 
     def later(self, dice: Dice, element: str) -> None:
         """Curved sides, sliding of any length along planes, cycles: in some scenes that admit them.

@@ -21,6 +21,7 @@ from .step import History, Unfinished
 ROUNDED = 1e-9  # part of travel below which displacements are its rounding
 FINEST = 1e-14  # of the displacements to be overcome: no tolerance is tightened below
 NEAR_ROUNDING = 1e2  # times that: a product may round off as much where stiffness jumps
+SPARED = 1e-2  # times that: a product may round off no more, of displacements that cancel
 STEADY = 2.0  # times what a product rounds off: two of the same differ by as much
 
 
@@ -150,8 +151,8 @@ class FrictionQP:
         solution is. Collective.
         """
         own, least = self.settings.rtol * self.scales.d, FINEST * self.scales.d
-        if self.operator.levels > 1 and part * own < NEAR_ROUNDING * least:
-            least = max(least, STEADY * self.rounded(x))
+        if part * own < NEAR_ROUNDING * least:
+            least = max(SPARED * least, STEADY * self.rounded(x))
         self.tol = max(part * own, min(own, least))
 
     def placed(self, moved, d, x, gradient):

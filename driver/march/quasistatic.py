@@ -19,26 +19,22 @@ from mpi4py import MPI
 from ..contact.kkt import Scales
 from ..contact.rows import contact_rows
 from ..effects import Effects
-from ..errors import DriverError, NoSolution, NotConverged
+from ..errors import DriverError, NotConverged
 from ..feti.dual_problem import DualProblem
 from ..options import Settings
-from ..text import step_name
 from . import outlook
 from .condensation import Condensation
 from .corner_states import CornerStates
 from .fixed_point import FixedPoint
 from .friction_qp import FrictionQP
 from .residuals import Residuals
-from .slip import FAR, SlipState
+from .slip import SlipState
 from .step import History, Load, Step, StepFailed, Trace, Unfinished
 from .supported import RigidSurfaces, SupportedBodies
+from .tightening import Tightening
 from .uniqueness import CHANGING, Uniqueness, too_many, worthwhile
 
 SETTLINGS = 5  # of bodies without support, whose multipliers follow, in a step
-LAST_PART = 1e-6  # of tolerances, below which tightening must at least halve the residuals
-LAST_FRICTION = 1e-4  # likewise, of that of the fixed point
-ROUNDED = 1e-14  # part of forces by which they change or stay unbalanced without end
-NEARLY = 1e-3  # imbalance of bodies without support up to which exacter QPs may settle them
 
 
 class QuasistaticSolver:
@@ -263,7 +259,7 @@ class QuasistaticSolver:
             self.bodies.note_loose_motion(index, x)
         except Unfinished as failure:
             error, sliding = failure.error, rows.sliding(failure.x, rows.friction_bound(failure.x))
-            x, gradient, moved = self._into_cone(load.d, failure.x, failure.gradient, sliding)
+            x, gradient, moved = self.into_cone(load.d, failure.x, failure.gradient, sliding)
             residuals = self.residuals.of(load, x, gradient)
         self.scales.keep()
         if rows.corners is not None:
@@ -284,80 +280,8 @@ class QuasistaticSolver:
         return self._earned(index, load, x, gradient, sliding, trace)
 
     def _earned(self, index: int, load: Load, x, gradient, sliding, trace: Trace):
-        """Multipliers, gradient, last change and residuals that are as small as asked for.
-
-        What the QP and the fixed point stop at is relative to displacements that may be far larger
-        than those of the solution (without gluing the body would hang on its corners); so both are
-        tightened until the residuals of the solution itself are below `primal_rtol`, the imbalance
-        of free bodies below `friction_rtol`; where that fails the condensed problem is tried. Where
-        stiffness jumps what a bound of rounding admits will do if that fails. Raises Unfinished.
-        """
-        op, qp, settings, best, stop = self.operator, self.qp, self.settings, np.inf, None
-        find, rounded, again, why = self.corners.find, None, False, None
-        motion, first = load.weights[op.structure.patterns :].copy(), (x, gradient, sliding)
-        # parts of the tolerances
-        of_qp = of_friction = outlook.foresight(self.loads, index) if self.largest_friction else 1.0
-        while True:
-            qp.aim(of_qp, x)
-            try:
-                x, gradient, sliding = find(index, load, x, gradient, sliding, trace,
-                                            max(of_friction * settings.friction_rtol, ROUNDED))
-            except Unfinished as failed:
-                # bodies without loads may stay where the step starts, or were drawn
-                for place in (motion, np.zeros(op.modes))[: 1 + (op.modes > 0)]:
-                    free = self.residuals.free_of_forces(load, failed.x, place)
-                    if free is not None:
-                        return free
-                if rounded is not None:
-                    return self.fixed_point.back(load, *rounded)
-                settles = op.modes > 0 and self.bodies.imbalance(load, failed.x) <= NEARLY
-                again = find != self.corners.condensed and qp.hides(failed.x)
-                if failed.final or of_qp == 1.0 and not (settles or again):
-                    failed.error = failed.error if failed.final or not why else why
-                    raise
-                x, gradient, stop = failed.x, failed.gradient, failed.error  # it may do
-                sliding = self.rows.sliding(x, self.rows.friction_bound(x))
-                if settles and of_qp > LAST_PART:  # forces answer to what QPs leave by stiffness
-                    of_qp, stop = 0.01 * of_qp, None
-                    trace.again()
-                    continue
-            if op.modes and op.minimum(-load.farthest) < -FAR * self.scales.displacement:
-                gradient = None  # it has followed bodies that went so far: their rounding is in it
-            x, gradient, moved = self._into_cone(load.d, x, gradient, sliding)
-            residuals = self.residuals.of(load, x, gradient, exact=True)
-            free = self.residuals.free_of_forces(load, x) if self.residuals.faded(x) else None
-            if free is not None:
-                return free
-            excess = {name: value / self.residuals.asked(name) for name, value in residuals.items()}
-            worst, name = max((value, name) for name, value in excess.items())
-            if worst <= 1:
-                return x, gradient, moved, residuals
-            idle = worst > 0.5 * best
-            if op.levels > 1 and worst < best:
-                likely = self.residuals.of(load, x, gradient)
-                if self.residuals.enough(likely):
-                    rounded = self.fixed_point.place(load), (x, gradient, moved, likely)
-            if rounded is not None and (idle or stop):
-                return self.fixed_point.back(load, *rounded)
-            if stop and again:  # friction that jams hides the loads in its forces' rounding
-                x, gradient, sliding = self.fixed_point.back(load, (motion, None), first)
-                find, best, stop, why = self.corners.condensed, np.inf, None, stop
-                of_qp = of_friction = 1.0
-                continue
-            if isinstance(stop, NoSolution):
-                raise Unfinished(stop, x, gradient)
-            if stop or idle and of_qp <= LAST_PART and of_friction <= LAST_FRICTION:
-                if not stop and find != self.corners.condensed:
-                    find = self.corners.condensed
-                    continue
-                raise Unfinished(NotConverged(
-                    f"{step_name(index)}: the {name} residual stays at {residuals[name]:.1e}, "
-                    f"above the {self.residuals.asked(name):.0e} that was asked for"), x, gradient)
-            best, tighter = min(best, worst), min(0.1, 0.3 / worst)
-            of_qp *= tighter
-            # not QPs alone are to blame: what forces still change by moves stiff parts, too
-            if idle or max(excess["gluing"], excess["penetration"]) <= 1:
-                of_friction *= tighter
+        """Multipliers, gradient, last change and residuals that are as small as asked for."""
+        return Tightening(self, index, load, trace).earned(x, gradient, sliding)
 
     def _examine(self, index: int, load: Load, x, gradient, trace: Trace) -> None:
         """Look for other solutions of the step where there is reason to; see `uniqueness`."""
@@ -383,7 +307,7 @@ class QuasistaticSolver:
         self.history.examining += spent
         self.history.seconds -= spent  # the step's, to which all of its time is added
 
-    def _into_cone(self, d, x, gradient, sliding):
+    def into_cone(self, d, x, gradient, sliding):
         """Multipliers put exactly into the cone of their own pressures, their gradient, the change.
 
         The last QP was solved with the bound of the iterate before. Nodes that slid stay on the

@@ -237,6 +237,8 @@ class StateSystem:
     = slope lambda_n of a sliding node is put in, open nodes are left out. Offsets of sliding nodes
     act as given forces. Motions count as far as the states hold them: beta = turn gamma. `index` is
     the sign of the determinant, that of the whole system of normal and tangential rows as well.
+    Rows and unknowns are over `scale`: bodies of any stiffness have diagonals of one and motions
+    of one in the same system, and what its pivots say of it does not depend on units.
     """
 
     def __init__(self, problem: CoulombProblem, states: np.ndarray, sign: np.ndarray):
@@ -249,7 +251,6 @@ class StateSystem:
         self.bound = np.where(state[sliding] == FORWARD, 1.0, -1.0) * problem.coefficient[sliding]
         slope = self.bound * sign[self.node]
         self.turn = problem.held(states) / problem.reach[:, None]
-        self.soft = np.median(1.0 / problem.rigidity) if problem.k else 1.0
         columns, place = C.compress(free, 1), np.cumsum(touching) - 1
         self.given = None  # forces (n + m,) of offsets and the movement of the free rows by them
         if problem.offset is not None:
@@ -261,10 +262,16 @@ class StateSystem:
         transposed[place[self.node]] += slope[:, None] * columns[self.sliding]
         if problem.k:
             force = problem.motions @ self.turn
-            work = self.soft * force
+            work = force.copy()
             work[self.node] += slope[:, None] * work[self.sliding]
             border = np.zeros((force.shape[1],) * 2)
             transposed = np.block([[transposed, work[self.free]], [-force[self.free].T, border]])
+        self.scale = np.sqrt(problem.rigidity[free])
+        if problem.k:
+            reach = np.abs(self.scale[:, None] * force[self.free]).max(axis=0, initial=0.0)
+            self.scale = np.append(self.scale, 1.0 / np.where(reach > 0, reach, 1.0))
+        transposed *= self.scale
+        transposed *= self.scale[:, None]
         self.matrix = self.factor = transposed.T
         self.pivots, failed = np.empty(0, int), 0
         if len(transposed):
@@ -294,7 +301,8 @@ class StateSystem:
         return z if np.isfinite(z).all() else None
 
     def _whole(self, unknowns: np.ndarray) -> np.ndarray:
-        """z of the unknowns of the linear system, without offsets."""
+        """z of the unknowns of the scaled linear system, without offsets."""
+        unknowns = self.scale * unknowns
         z = np.zeros(self.rows + self.turn.shape[0])
         z[self.free] = unknowns[: len(self.free)]
         z[self.sliding] = self.bound * np.abs(z[self.node])
@@ -306,13 +314,13 @@ class StateSystem:
         return np.append(self.given, np.zeros(self.turn.shape[0]))
 
     def _right(self, load: np.ndarray, balance: np.ndarray) -> np.ndarray:
-        """Right-hand side of the system under `load` (n + m,) and `balance` (k,)."""
+        """Right-hand side of the scaled system under `load` (n + m,) and `balance` (k,)."""
         right = load[self.free]
         if self.given is not None:
             right, balance = right - self.given_movement, balance - self.motions.T @ self.given
         if len(balance):
-            right = np.append(right, self.soft * (self.turn.T @ balance))
-        return right
+            right = np.append(right, self.turn.T @ balance)
+        return self.scale * right
 
     def family(self, load: np.ndarray, balance: np.ndarray) -> tuple | None:
         """z and directions (n + m + k, d) that solve a singular system, None if nothing does.
@@ -330,4 +338,5 @@ class StateSystem:
             return None
         directions = np.column_stack([self._whole(line) for line in basis[~kept]])
         z = self._whole(nearest)
+        z -= directions @ np.linalg.lstsq(directions[: self.rows], z[: self.rows], rcond=None)[0]
         return z if self.given is None else z + self._offsets, directions

@@ -170,6 +170,27 @@ include "export.idp"
                                rtol=1e-8)
 
 
+def test_sides_of_any_length_carry_loads(exported, named_scene):
+    """The shortest side 3e-4 of the longest: the resultant of N is that of the turned chord."""
+    path = named_scene("graded", """include "scene.idp"
+real angle = pi/2;
+int[int] sideLabels = [3, 4, 1, 2];
+body = square(10, 3, [(1 + y)*cos(angle*(1 - x)^4), (1 + y)*sin(angle*(1 - x)^4)],
+              label = sideLabels);
+macro curved() 1, 3 //
+""" + MATERIAL + """
+macro support() on(4, u2 = 0.) //
+macro load1() traction(3, N.x, N.y) //
+include "export.idp"
+""")
+    problem = read_problem(exported(path, element="P2", subdomains=3), reduce=False)
+    sides_ = [np.linalg.norm(np.diff(sub.xy[sub.edges[:, :2]], axis=1), axis=2)
+              for sub in problem.subdomains]
+    assert min(side.min() for side in sides_) < 1e-3 * max(side.max() for side in sides_)
+    total = sum(sub.loads.reshape(-1, 2).sum(axis=0) for sub in problem.subdomains)
+    np.testing.assert_allclose(total, [-1.0, -1.0], rtol=1e-9)
+
+
 @pytest.mark.parametrize("element", QUADRATIC)
 def test_loads_see_the_curve(rings, exported, named_scene, element):
     """Traction, body force and a prescribed displacement as functions of place, normal and label.

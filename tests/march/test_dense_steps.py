@@ -235,29 +235,69 @@ def test_tolerances_get_tighter_until_residuals_are_small_enough():
     assert found.asked == pytest.approx([1e-5, 1e-5, 1e-6])
 
 
-@pytest.mark.parametrize("later, tightened", [(0.5, 1), (4.0, 0), (2.0, 1)])
-def test_what_a_bound_of_rounding_admits_is_the_last_resort(later, tightened):
-    """At corners, too: tolerances get tighter first, and where that leads no further the best state
-    that will do comes back, with the states that corners had in it.
+@pytest.mark.parametrize("later, taken", [
+    ([0.5], 2), ([4.0, 0.5], 3), ([4.0, 2.0], 3), ([4.0, 4.0], 1), ([2.0, 2.5], 2)])
+def test_what_a_bound_of_rounding_admits_is_the_last_resort(later, taken):
+    """At corners, too: tolerances get tighter first, then the contact rows are condensed, and where
+    that leads no further the best state that will do comes back, with the states that corners had.
+
+    `later` are residuals, over what is asked for, of the states after one with three times that.
     """
-    s = solver(None, [{"cone": 3e-4}, {"cone": 1e-5}, {"cone": later * 1e-4}, {"cone": 1e-5}],
-               settings=Settings(primal_rtol=1e-4, rtol=1e-6))
+    said = [{"cone": 3e-4}, {"cone": 1e-5}]
+    best = 3.0
+    for value in later:
+        said.append({"cone": value * 1e-4})
+        if 1 < value < best:
+            said.append({"cone": 1e-5})
+        best = min(best, value)
+    s = solver(None, said, settings=Settings(primal_rtol=1e-4, rtol=1e-6))
     s.qp.settings, s.operator.levels, s.rows.corners = s.settings, 2, SimpleNamespace(
         acting=np.zeros(2, int), without_friction=np.zeros(0, int))
-    selected, motions = [], []
+    selected, motions, ways = [], [], []
     s.fixed_point.condensation.select = lambda: selected.append(s.rows.corners.acting)
     s.bodies.shift = lambda load, change: motions.append(change)
 
-    def find(index, load, x, *others):
-        s.rows.corners.acting = s.rows.corners.acting + 1
-        return x + 1.0, *others[:2]
+    def way(name):
+        def find(index, load, x, *others):
+            ways.append(name)
+            s.rows.corners.acting = s.rows.corners.acting + 1
+            return x + 1.0, *others[:2]
+        return find
 
-    s.corners.find = find
+    s.corners.find, s.corners.condensed = way("find"), way("condensed")
     x, _, _, residuals = earned(s)
-    assert x[2 * N :].tolist() == [1.0 + tightened] * N  # gluing rows: no bounds cut them
-    assert residuals["cone"] == pytest.approx(0.5e-4 if later < 1 else 1e-5)
-    assert s.rows.corners.acting.tolist() == [1 + tightened] * 2
-    assert len(selected) == 1 - tightened
+    assert x[2 * N :].tolist() == [1.0 * taken] * N  # gluing rows: no bounds cut them
+    enough = later[-1] <= 1
+    assert residuals["cone"] == pytest.approx(later[-1] * 1e-4 if enough else 1e-5)
+    assert s.rows.corners.acting.tolist() == [taken] * 2
+    assert ways == ["find", "find", "condensed"][: 1 + len(later)]
+    assert len(selected) == (taken <= len(later))
+
+
+@pytest.mark.parametrize("unbalanced", [False, True])
+def test_what_exacter_forces_do_not_balance_is_no_refusal(unbalanced):
+    """A search that ends without equilibrium at tightened tolerances, where forces balance to what
+    was asked for: a residual stays too large. `unbalanced`: they do not.
+    """
+    ways = []
+
+    def fails(index, load, x, gradient, *_):
+        ways.append("find")
+        if len(ways) > 1:
+            raise Unfinished(NoSolution("no equilibrium"), x, gradient)
+        return x, gradient, np.zeros(N)
+
+    def condensed(index, load, x, gradient, *_):
+        ways.append("condensed")
+        raise Unfinished(NoSolution("no equilibrium"), x, gradient)
+
+    said = [{"cone": 0.5, "equilibrium": 1.0 if unbalanced else 0.0} for _ in range(9)]
+    s = solver(fails, said)
+    s.operator.levels, s.corners.condensed = 2, condensed
+    with pytest.raises(Unfinished) as failed:
+        earned(s)
+    assert isinstance(failed.value.error, NoSolution if unbalanced else NotConverged)
+    assert ways == ["find", "find", "condensed"]
 
 
 def test_what_stays_too_large_is_said():

@@ -142,23 +142,24 @@ def test_tolerances_and_sizes_of_a_qp():
     np.testing.assert_allclose(found.placed(x, np.ones(5), x, None)[1], F @ x - 1)
 
 
-@pytest.mark.parametrize("levels", [1, 2])
+@pytest.mark.parametrize("step", [1e-8, 1e-15, 1e-16])
 @pytest.mark.parametrize("part", [1.0, 1e-5, 1e-10, 1e-20])
-def test_no_qp_is_asked_for_more_than_products_round_off(part, levels):
-    """Where stiffness jumps; here to multiples of 1e-8. Far above, and elsewhere, it costs nothing.
+def test_no_qp_is_asked_for_more_than_products_round_off(part, step):
+    """Here to multiples of a `step`, a part of the displacements to be overcome that may be larger
+    or smaller than 1e-14 of them, but not by more than 1e-2. Far above it costs nothing.
     """
     products = []
 
     def product(x):
         products.append(x)
-        return np.round(x / 1e-8) * 1e-8
+        return np.round(x / step) * step
 
-    found = qp(np.eye(5), rows(), apply=product, levels=levels)
+    found = qp(np.eye(5), rows(), apply=product)
     found.scales.d = 10.0
-    found.aim(part, np.full(5, 0.4e-8))  # 0, and of 3 x the third of 1e-8
-    least = 2 * np.sqrt(5) * 1e-8 / 3 if levels > 1 and part < 1e-7 else 1e-13
+    found.aim(part, np.full(5, 0.4 * step))  # 0, and of 3 x the third of a step
+    least = max(2 * np.sqrt(5) * step / 3, 1e-15)
     assert found.tol == pytest.approx(max(part * 1e-2, least))
-    assert len(products) == (2 if levels > 1 and part < 1e-7 else 0)
+    assert len(products) == (2 if part < 1e-7 else 0)
 
 
 def test_the_contact_problem_for_given_gluing_forces():

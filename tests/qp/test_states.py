@@ -33,6 +33,30 @@ def test_forces_come_onto_the_bounds_of_their_states(offset):
     np.testing.assert_allclose(one.on_bounds(np.array([0.0, 0.7])), [0.0, 0.75])
 
 
+@pytest.mark.parametrize("unit", [1.0, 1e-7, 1e9])
+@pytest.mark.parametrize("stiff", [1.0, 1e6, 1e9])
+def test_a_stiff_body_among_soft_ones_keeps_its_digits(stiff, unit):
+    """Nodes of a free body `stiff` times as stiff as the others, in the same linear system.
+
+    In any `unit` of length over force. A multiplier may be off by its condition times a rounding,
+    that of each body by itself.
+    """
+    rng = np.random.default_rng(5)
+    root = rng.standard_normal((2, 5, 8))
+    own, others = root @ root.transpose(0, 2, 1)
+    compliance = unit * np.block([[own[:3, :3] / stiff, np.zeros((3, 5))],
+                                  [np.zeros((5, 3)), others]])
+    motions = np.zeros((8, 2))
+    motions[:3] = np.column_stack([np.ones(3), [-1.0, 0.2, 1.0]])
+    forces, moved = 1.0 + rng.random(8), unit * np.array([0.3, -0.7])
+    problem = CoulombProblem(compliance, compliance @ forces - motions @ moved, np.zeros(0),
+                             np.zeros(0, int), motions=motions, balance=motions.T @ forces)
+    z = problem.solution_in(np.full(8, STICK))
+    # loads are of order one and hold the stiff body's deformation in digits from `stiff` on
+    np.testing.assert_allclose(z, np.append(forces, moved), rtol=1e-13 * max(1e2, 10 * stiff))
+    assert problem.solves(z)
+
+
 def test_states_of_forces_alone():
     """Pressing or bilateral nodes touch; what slides is told; open ones may rub by an offset."""
     problem = CoulombProblem(np.eye(6), np.zeros(6), np.full(2, 0.5), np.array([0, 2]),

@@ -1,0 +1,182 @@
+"""What a step has earned: tolerances are tightened until the residuals of its solution are small.
+
+What the QP and the fixed point stop at is relative to displacements that may be far larger than
+those of the solution (without gluing the body would hang on its corners). So both are tightened
+until the residuals of the solution itself are below `primal_rtol` and the imbalance of free bodies
+below `friction_rtol`. Where that leads no further the condensed problem is tried: elimination keeps
+digits that products lose where stiffness jumps or friction jams. Last comes the best state that
+will do if as much is rounding as a bound says.
+"""
+
+import numpy as np
+
+from ..errors import DriverError, NoSolution, NotConverged
+from ..text import step_name
+from . import outlook
+from .slip import FAR
+from .step import Load, Trace, Unfinished
+
+LAST_PART = 1e-6  # of tolerances, below which tightening must at least halve the residuals
+LAST_FRICTION = 1e-4  # likewise, of that of the fixed point
+ROUNDED = 1e-14  # part of forces by which they change or stay unbalanced without end
+NEARLY = 1e-3  # imbalance of bodies without support up to which exacter QPs may settle them
+
+
+class Tightening:
+    """Of the tolerances in one step. Collective over the operator's communicator.
+
+    A state is multipliers, their gradient and the rows that slide; an `answer` multipliers,
+    gradient, last change and residuals.
+    """
+
+    def __init__(self, march, index: int, load: Load, trace: Trace):
+        """`march`: the QuasistaticSolver whose step it is."""
+        self.march, self.index, self.load, self.trace = march, index, load, trace
+        self.operator, self.qp, self.rows, self.bodies = (
+            march.operator, march.qp, march.rows, march.bodies)
+        self.residuals, self.fixed_point = march.residuals, march.fixed_point
+        self.find, self.condensed = march.corners.find, march.corners.condensed
+        # parts of the tolerances
+        self.of_qp = outlook.foresight(march.loads, index) if march.largest_friction else 1.0
+        self.of_friction = self.of_qp
+        self.motion, self.first = load.weights[self.operator.structure.patterns :].copy(), None
+        self.best, self.answer = np.inf, None  # the worst residual over what was asked for, so far
+        self.rounded = None  # place and answer that a bound of rounding admits
+        # what ended the search for a fixed point, if products hide loads by rounding there; what
+        # ended it before the condensed problem was tried
+        self.stop, self.hidden, self.why = None, False, None
+
+    def earned(self, x: np.ndarray, gradient: np.ndarray, sliding: np.ndarray) -> tuple:
+        """The answer whose residuals are as small as asked for, from a state.
+
+        Raises Unfinished.
+        """
+        state = self.first = x, gradient, sliding
+        while self.answer is None:
+            try:
+                state, self.stop = self._found(*state), None
+            except Unfinished as failed:
+                state = self._after(failed)
+                if self.stop is None:
+                    continue
+            state = self._judged(*state)
+        return self.answer
+
+    @property
+    def _eliminates(self) -> bool:
+        return self.find == self.condensed
+
+    def _found(self, x, gradient, sliding) -> tuple:
+        """The next state. Raises Unfinished."""
+        self.qp.aim(self.of_qp, x)
+        rtol = max(self.of_friction * self.march.settings.friction_rtol, ROUNDED)
+        return self.find(self.index, self.load, x, gradient, sliding, self.trace, rtol)
+
+    def _after(self, failed: Unfinished) -> tuple:
+        """The state in which the search `failed`, which may do, and `stop` for what ended it.
+
+        Without `stop` there is an answer, or QPs are to be exacter. Raises it if it may not.
+        """
+        x, self.stop = failed.x, None
+        state = x, failed.gradient, self.rows.sliding(x, self.rows.friction_bound(x))
+        self.answer = self._without_forces(x)
+        if self.answer is None and self.rounded is not None and self._eliminates:
+            self.answer = self.fixed_point.back(self.load, *self.rounded)
+        if self.answer is not None:
+            return state
+        imbalance = self.bodies.imbalance(self.load, x)
+        settles = self.operator.modes > 0 and imbalance <= NEARLY
+        self.hidden = not self._eliminates and self.qp.hides(x)
+        if failed.final or self.of_qp == 1.0 and not (settles or self.hidden):
+            failed.error = failed.error if failed.final or not self.why else self.why
+            raise failed
+        if settles and self.of_qp > LAST_PART:  # forces answer to what QPs leave by stiffness
+            self.of_qp *= 0.01
+            self.trace.again()
+        else:
+            self.stop = failed.error
+        return state
+
+    def _without_forces(self, x) -> tuple | None:
+        """An answer without forces: bodies may stay where the step starts, or were drawn."""
+        modes = self.operator.modes
+        for place in (self.motion, np.zeros(modes))[: 1 + (modes > 0)]:
+            answer = self.residuals.free_of_forces(self.load, x, place)
+            if answer is not None:
+                return answer
+        return None
+
+    def _judged(self, x, gradient, sliding) -> tuple:
+        """The state to go on from; `answer` if none is needed. Raises Unfinished."""
+        load, residuals = self.load, self.residuals
+        if self.operator.modes and self.operator.minimum(
+                -load.farthest) < -FAR * self.march.scales.displacement:
+            gradient = None  # it has followed bodies that went so far: their rounding is in it
+        x, gradient, moved = self.march.into_cone(load.d, x, gradient, sliding)
+        found = residuals.of(load, x, gradient, exact=True)
+        self.answer = residuals.free_of_forces(load, x) if residuals.faded(x) else None
+        excess = {name: value / residuals.asked(name) for name, value in found.items()}
+        worst, name = max((value, name) for name, value in excess.items())
+        if self.answer is None and worst <= 1:
+            self.answer = x, gradient, moved, found
+        if self.answer is not None:
+            return x, gradient, sliding
+        idle = worst > 0.5 * self.best
+        if self.operator.levels > 1 and worst < self.best:
+            likely = residuals.of(load, x, gradient)
+            if residuals.enough(likely):
+                self.rounded = self.fixed_point.place(load), (x, gradient, moved, likely)
+        self.best = min(self.best, worst)
+        stays = NotConverged(
+            f"{step_name(self.index)}: the {name} residual stays at {found[name]:.1e}, above the "
+            f"{residuals.asked(name):.0e} that was asked for")
+        if isinstance(self.stop, NoSolution) and excess.get("equilibrium", 0.0) <= 1:
+            self.stop = stays  # none was found to more digits than were asked for
+        if self.stop or idle:
+            state = self._otherwise(x, gradient, sliding, stays)
+            if state is not None:
+                return state
+        self._tighten(excess, worst, idle)
+        return x, gradient, sliding
+
+    def _otherwise(self, x, gradient, sliding, stays: DriverError) -> tuple | None:
+        """The state to go on from where tightening leads no further; None if it still may.
+
+        `stays` says which residual is too large. Raises Unfinished.
+        """
+        stop, stiff = self.stop, self.operator.levels > 1
+        if not self._eliminates and stop and self.hidden and self.rounded is None:
+            # friction that jams hides the loads in its forces' rounding
+            state = self.fixed_point.back(self.load, (self.motion, None), self.first)
+            self._eliminate(stop)
+            self.best, self.of_qp = np.inf, 1.0
+            return state
+        if not self._eliminates and (self.rounded is not None or stop and stiff):
+            self._eliminate(stop)
+            return x, gradient, sliding
+        if self.rounded is not None:
+            self.answer = self.fixed_point.back(self.load, *self.rounded)
+            return x, gradient, sliding
+        if isinstance(stop, NoSolution):
+            raise Unfinished(stop, x, gradient)
+        loose = not self._eliminates and self.of_friction > LAST_FRICTION
+        if not stop and (loose or self.of_qp > LAST_PART):
+            return None
+        if stop or self._eliminates:
+            raise Unfinished(stays, x, gradient)
+        self._eliminate(None)
+        return x, gradient, sliding
+
+    def _eliminate(self, why: DriverError | None) -> None:
+        """Try the condensed problem, whose passes end where they lead no further; so its tolerance
+        is that of the step. `why`: what is to be said if it fails.
+        """
+        self.find, self.why, self.of_friction = self.condensed, why, 1.0
+
+    def _tighten(self, excess: dict[str, float], worst: float, idle: bool) -> None:
+        """Ask the next QPs for what the `worst` residual misses, by at least a tenth."""
+        tighter = min(0.1, 0.3 / worst)
+        self.of_qp *= tighter
+        # not QPs alone are to blame: what forces still change by moves stiff parts, too
+        if idle or max(excess["gluing"], excess["penetration"]) <= 1:
+            self.of_friction *= tighter
