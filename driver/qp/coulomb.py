@@ -336,7 +336,9 @@ class StateSystem:
         nearest = basis[kept].T @ ((left.T @ right)[kept] / sizes[kept])
         if np.linalg.norm(matrix @ nearest - right) > CONSISTENT * np.linalg.norm(right):
             return None
-        directions = np.column_stack([self._whole(line) for line in basis[~kept]])
-        z = self._whole(nearest)
-        z -= directions @ np.linalg.lstsq(directions[: self.rows], z[: self.rows], rcond=None)[0]
+        lines = basis[~kept]
+        directions = np.column_stack([self._whole(line) for line in lines])
+        excess = np.linalg.lstsq(directions[: self.rows], self._whole(nearest)[: self.rows],
+                                 rcond=None)[0]
+        z = self._whole(nearest - excess @ lines)  # what slides is on its bound to the last bit
         return z if self.given is None else z + self._offsets, directions

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from driver.qp import branching, coefficients, complementarity, continuation, integer
-from driver.qp.coulomb import CoulombProblem
+from driver.qp.coulomb import FORWARD, CoulombProblem
 from driver.hard.bounded import unbalanced_by_friction
 from driver.hard.states import States
 
@@ -172,6 +172,18 @@ def test_conditions_that_depend_on_one_another_share_a_force_evenly():
     three = CoulombProblem(rows @ rows.T, way, np.zeros(0), np.zeros(0, int), True)
     forces = three.solution_in(np.ones(3, int))
     assert forces == pytest.approx(np.linalg.pinv(rows @ rows.T) @ way)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_conditions_that_depend_on_one_another_slide_on_their_bounds(seed):
+    """Three nodes on a rigid bottom: a row inside its bound by a rounding would count as sticking.
+    """
+    rng = np.random.default_rng(seed)
+    rows = np.column_stack([np.ones(3), rng.random(3)])
+    rows = np.block([[rows, np.zeros((3, 1))], [np.zeros((3, 2)), np.ones((3, 1))]])
+    problem = CoulombProblem(rows @ rows.T, rows @ rng.random(3), 0.1 + rng.random(3), np.arange(3))
+    z = problem.solution_in(np.full(3, FORWARD))
+    assert np.array_equal(z[3:], problem.coefficient * np.abs(z[:3])) and z[:3].any()
 
 
 def test_forces_that_run_in_a_circle_excuse_nothing():
