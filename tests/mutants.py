@@ -40,6 +40,7 @@ FEW = 10  # mutants that are not worth compiling the assertions of all tests for
 PARTS = (("tests/qp", "tests/contact", "tests/effects", "tests/scene/test_loader.py",
           "tests/scene/test_materials.py", "tests/scene/test_contents.py",
           "tests/scene/test_library.py", "tests/scene/test_contact_columns.py",
+          "tests/scene/test_messages.py",
           "tests/verify/test_independent.py"),
          ("tests/feti", "tests/march", "tests/results", "tests/estimates", "tests/python"),
          ("tests/scenes",))

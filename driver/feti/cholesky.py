@@ -207,7 +207,7 @@ def _roots(row: np.ndarray, column: np.ndarray, inner: int) -> np.ndarray:
     """The last of every connected part of the first `inner` dofs of a matrix with these entries."""
     among = row < inner
     graph = coo_matrix((np.ones(among.sum()), (row[among], column[among])), shape=(inner, inner))
-    _, part = connected_components(graph, directed=False)
+    _, part = connected_components(graph)
     last = np.full(part.max(initial=-1) + 1, -1)
     np.maximum.at(last, part, np.arange(inner))
     return last

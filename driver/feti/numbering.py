@@ -283,9 +283,9 @@ class _Numbering:
 
     def _fixed(self, sub: Subdomain, at_boundary: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Dirichlet dofs of a subdomain and their values (patterns, n_fixed)."""
-        if not len(sub.fixed) and not len(at_boundary):
+        if not len(at_boundary):
             return at_boundary, self.fixed[1][:0].T
-        dofs = np.union1d(sub.fixed, at_boundary)
+        dofs = np.sort(at_boundary)
         place, _ = lookup(self.fixed[0], 2 * sub.node_gid[dofs // 2] + dofs % 2)
         return dofs, self.fixed[1][place].T
 

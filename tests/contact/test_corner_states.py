@@ -154,6 +154,18 @@ def test_every_corner_is_judged_whatever_the_others_do():
     assert nodes.acting.tolist() == [STANDING, FIRST]
 
 
+def test_every_corner_starts_with_its_force_in_its_rows():
+    """The first has nothing to move; the force of the second goes over to the side that acts."""
+    nodes = CornerNodes(np.array([[0, 1], [4, 5]]), np.array([[0, 1], [4, 5]]),
+                        np.array([[2, 3], [6, 7]]), np.array([[0, 1], [2, 3]]),
+                        np.array([False, False]), np.zeros((2, 2), bool), np.zeros((2, 2)),
+                        np.zeros((2, 2)), np.array([-np.eye(2)] * 2), np.array([True, True]), None)
+    nodes.acting[:] = FIRST
+    own = nodes.own(np.array([3.0, 0.0, 0.5, 0.0, 2.0, 1.0, 0.0, 0.0]))
+    assert own[:4].tolist() == [3.0, 0.0, 0.5, 0.0]
+    assert own[4] == 2.0 and own[5] == 0.0 and abs(own[6]) == 1.0 and own[7] == 0.0
+
+
 def test_a_touch_within_the_tolerance_changes_no_state():
     nodes = corner()
     nodes.acting[:] = FIRST

@@ -1,15 +1,17 @@
 """Parts of the error in the energy norm, and what runs say of them."""
 
 import json
+from types import SimpleNamespace
 
 import meshio
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 from bounds import expected_total, true_error
 from driver.estimates import budget
 from driver.estimates.bound import COULOMB, EARLIER, coupling
-from driver.estimates.energy import of_time
+from driver.estimates.energy import EnergyEstimator, of_time
 
 
 def test_parts_answer_to_their_own_knob(estimated):
@@ -24,6 +26,18 @@ def test_parts_answer_to_their_own_knob(estimated):
     one, two = (estimated(settings=s, **base, friction=0.8)[2] for s in (early, tight))
     assert one.friction > 1e3 * max(two.friction, one.solver)
     assert one.mesh == pytest.approx(two.mesh, rel=0.02)
+
+
+@pytest.mark.parametrize("load, kept", [(1e-5, [2, 1]), (1e-7, [1])])
+def test_a_last_step_that_tolerances_leave_is_left_out(load, kept):
+    """By the root of energies: of displacements, 1e-5 of the largest are a load and 1e-7 none."""
+    estimator = object.__new__(EnergyEstimator)
+    estimator.kind, estimator.last, estimator.largest = "recovery", None, None
+    estimator.operator = SimpleNamespace(comm=MPI.COMM_SELF)
+    estimator._estimate = lambda step, state: None
+    for index, size in ((1, 1.0), (2, load)):
+        estimator.consider(SimpleNamespace(index=index), {}, size**2)
+    assert [step.index for step, _ in estimator.estimates()] == kept
 
 
 def test_the_friction_part_is_the_way_to_the_fixed_point(estimated):

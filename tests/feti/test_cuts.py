@@ -4,6 +4,8 @@ Bodies are cut triangle by triangle: into single triangles, separate pieces, rin
 and parts that touch in a vertex.
 """
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from conftest import Problem
@@ -16,7 +18,7 @@ from test_operator import check_compliance
 
 from driver.errors import InputError
 from driver.feti import coarse
-from driver.feti.corners import corner_vertices
+from driver.feti.corners import _spread, corner_vertices
 from driver.feti.dirichlet import DirichletPreconditioner
 from driver.feti.operator import DualOperator
 from driver.feti.skeleton import Skeleton
@@ -165,6 +167,25 @@ def test_components_have_corners_far_apart(cut, shape, seed):
     across = owner[triangle[order]]
     for one, two in zip(across[:-1][inner], across[1:][inner]):
         assert one == two or len(np.intersect1d(held[one], held[two])) >= 2
+
+
+@pytest.mark.parametrize("move", [0.0, 100.0, -100.0])
+@pytest.mark.parametrize("known", [[], [2], [5, 6]])
+def test_components_with_near_corners_get_the_farthest_vertices(move, known):
+    """Three triangles, each a subdomain, wherever they are: the ends of the longest side, or the
+    vertex that is farthest from the corner there is.
+    """
+    place = np.array([[0.0, 0.0], [4.0, 0.0], [2.0, 3.0]])
+    places = np.vstack([place + [0.0, move], 2 * place + [move, 0.0], place + [9.0, -move]])
+    gids = np.arange(9)
+    edges = np.array([[sub, 3 * sub + i, 3 * sub + (i + 1) % 3]
+                      for sub in range(3) for i in range(3)])
+    skeleton = SimpleNamespace(gids=gids, place=places, component=np.zeros(9, int), edges=edges,
+                               own_edges=np.ones(9, bool))
+    added = _spread(skeleton, np.array(known, int))
+    expected = {(): {0, 1, 3, 4, 6, 7}, (2,): {2, 0, 3, 4, 6, 7},
+                (5, 6): {0, 1, 5, 3, 6, 7}}[tuple(known)]
+    assert set(added.tolist()) == expected
 
 
 @every_cut

@@ -19,7 +19,7 @@ from driver import environment
 environment.single_threaded(); environment.start_petsc()
 import numpy as np
 from mpi4py import MPI
-from driver.feti import coarse, dissection, vectors
+from driver.feti import coarse, dissection, reduction, vectors
 from driver.feti.exchange import Route, components, exchange, sharers
 from driver.feti.gathering import exact_sum
 from driver.feti.operator import DualOperator
@@ -63,6 +63,17 @@ for k in range(2):  # 50 terms, each to 2^-81 of the largest, and the rounding o
 
 def same(one, other):
     return np.array_equal(one, other) or (len(one) == 0 == len(other))
+
+# keys of several ranks: who has each first, how many there are, and whom the first one is to tell
+names = [rng.choice(30, 11, replace=False) for _ in range(comm.size)]
+known, others = reduction._met(comm, [b"key %d" % k for k in names[comm.rank]], names[comm.rank])
+for k, (first, total) in zip(names[comm.rank], known):
+    have = [rank for rank in range(comm.size) if k in names[rank]]
+    assert (first, total) == (have[0], k * len(have))
+expected = [(j, rank) for j, k in enumerate(names[comm.rank]) for rank in range(comm.size)
+            if k in names[rank] and rank > comm.rank
+            and not any(k in names[lower] for lower in range(comm.rank))]
+assert sorted(map(tuple, others.tolist())) == sorted(expected) and len(expected) > 0 or comm.rank
 
 for directory in sys.argv[1:]:
     manifest = read_manifest(Path(directory))

@@ -195,6 +195,18 @@ def test_every_contact_row_has_its_compliance_once(problem):
 
 def test_a_rank_alone_receives_nothing(problem):
     assert not any(problem.operator.message_bytes().values())
+    assert problem.operator.load()["messages"] == 0
+
+
+def test_a_product_multiplies_by_local_matrices_and_twice_by_the_coarse_factor(problem):
+    """By the compliance of its rows and, forth and back, what couples them to corners, a subdomain;
+    a triangular factor has at least its diagonal.
+    """
+    structure = problem.structure
+    rows = np.array([len(np.unique(rows.row)) for rows in structure.rows])
+    corners = np.array([len(dofs) for dofs in structure.corner_dofs])
+    coarse = problem.operator.load()["work"] - (rows * (rows + 2 * corners)).sum()
+    assert coarse % 2 == 0 and coarse >= 2 * structure.coarse_dofs
 
 
 def test_average_and_jump_add_up_to_the_identity(problem):

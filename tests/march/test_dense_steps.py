@@ -189,6 +189,20 @@ def test_the_condensed_problem_is_exact_where_it_is_made():
     np.testing.assert_allclose(of.condensation.compliance() - before, np.diag(np.arange(6.0)))
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_a_solution_is_recognised_by_one_product(seed):
+    """The condensed step starts from it with its movements, and from its states."""
+    of = parts(seed, **TIGHT)
+    load = load_of(of)
+    x, gradient, sliding = of.fixed.condensed(1, load, np.zeros(3 * N), -load.d, np.zeros(N),
+                                              Trace(), 1e-9)
+    before = of.operator.products
+    found, after = of.condensation.solution(load, x, gradient, sliding)
+    assert of.operator.products - before == 1
+    np.testing.assert_allclose(found, x, atol=1e-8 * np.abs(x).max())
+    np.testing.assert_allclose(after[: 2 * N], gradient[: 2 * N], atol=1e-8 * np.abs(load.d).max())
+
+
 # ------------------------------------------------------------------------------ steps
 
 def solver(find, residuals, **more) -> QuasistaticSolver:

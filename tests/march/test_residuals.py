@@ -235,6 +235,8 @@ def test_steps_before_smaller_loads_are_solved_further():
     loads = [1.0, 1e4, 2.0, 1.0, 0.0]
     assert [foresight(loads, step) for step in range(1, 6)] == pytest.approx([1, 1e-3, 1, 1, 1])
     assert foresight([1e8, 1.0, 0.0], 1) == pytest.approx(1e-5)
+    for unit in (1e-12, 1e12):  # 1e-10 of the first is none of it
+        assert foresight([unit, 1e-10 * unit, 1e-4 * unit], 1) == pytest.approx(FORESEEN * 1e-4)
 
 
 @pytest.mark.parametrize("changes, mean", [

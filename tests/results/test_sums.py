@@ -1,5 +1,6 @@
 """Sums, means and shares of what subdomains and nodes have, on a few triangles made by hand."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -321,3 +322,15 @@ def test_names_of_columns_and_files():
     assert {row["file"] for row in tables.reference()} == set(tables.TABLES)
     assert {"entry", "unit", "meaning"} == set(summary.reference()[0])
     assert any(row["entry"] == "sizes.dual_dofs" for row in summary.reference())
+
+
+def test_memory_is_that_of_the_process_in_mib():
+    """Two hundred more are used, by touching them, and counted."""
+    before = summary.largest_memory(MPI.COMM_SELF)
+    now = int(next(line for line in Path("/proc/self/status").read_text().splitlines()
+                   if line.startswith("VmRSS")).split()[1]) / 1024
+    assert 0.9 * now <= before  # the kernel counts in lots of pages
+    size = int(before - now) + 200
+    used = np.ones(size * 2**17)
+    assert summary.largest_memory(MPI.COMM_SELF) - before == pytest.approx(200, rel=0.2)
+    del used

@@ -115,6 +115,27 @@ include "export.idp"
         built(scene, reduce=False, cells=2)
 
 
+@pytest.mark.parametrize("laws", [
+    "macro c22() signOfStiffness //\nmacro c33() signOfStiffness //",
+    "macro c22() 1. //\nmacro c33() signOfStiffness //"])
+def test_the_region_with_an_indefinite_law_is_named(built, named_scene, laws):
+    """In the middle of another; also where the law's determinant is positive and a minor is not."""
+    scene = named_scene("regions", f"""include "scene.idp"
+body = square(6, 3, [2*x, y]);
+body = change(body, fregion = (x > 0.7 && x < 1.3 ? 4 : 0));
+macro signOfStiffness() (region == 0 ? 1. : -1.) //
+macro c11() 1. //
+{laws}
+macro c12() 0. //
+macro c13() 0. //
+macro c23() 0. //
+macro support() on(4, u1 = 0, u2 = 0) //
+include "export.idp"
+""")
+    with pytest.raises(InputError, match="not positive definite in region 4"):
+        built(scene, reduce=False)
+
+
 UNEVEN = """include "scene.idp"
 subdomains("3");
 body = square(6, 3, [2*x, y]);
