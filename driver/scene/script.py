@@ -213,11 +213,20 @@ def hint(name: str, words=()) -> str:
 
 
 def near(name: str, words) -> str:
-    """What a misspelt name may mean, as the end of a message; "" if nothing is near."""
+    """What a misspelt name may mean, as the end of a message; "" if nothing is near.
+
+    Of numbered ones the first, where the name has no number.
+    """
     import difflib  # takes longer to import than the check takes
 
     near = difflib.get_close_matches(name, sorted(words), 1)
-    return f"; did you mean {near[0]}?" if near else ""
+    if not near:
+        return ""
+    meant, digits = near[0], "0123456789"
+    if name == name.rstrip(digits):
+        stem = meant.rstrip(digits)
+        meant = min(word for word in words if word.rstrip(digits) == stem)
+    return f"; did you mean {meant}?"
 
 
 def check_fixed_labels(scene: Path, manifest: Manifest) -> None:

@@ -183,6 +183,7 @@ def test_names_of_freefem_are_what_the_library_has_undeclared():
     ("contact() 1", 'contact() "bottom"', "contact"),
     ("traction(3, 2., -10.)", "traction(3, -10.)", "traction(label, px, py)"),
     ("traction(3, 2., -10.)", "tracton(3, 2., -10.)", "did you mean traction"),
+    ("traction(3, 2., -10.)", "bodyForce([0., -2.])", "did you mean bodyForce1"),
     ("traction(3, 2., -10.)", "traction(3, 2., q)", "'q'"),
     ("traction(3, 2., -10.)", "int1d(Ti, 3)(u1*v1)", "and springs by macro foundation() label //"),
     ('physical("friction"', "physical(friction", "a name that belongs in quotes"),
