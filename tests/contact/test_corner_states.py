@@ -226,6 +226,27 @@ def test_other_states_are_tried_before_a_step_is_given_up(method):
     assert tried[-1] == wanted
 
 
+@pytest.mark.parametrize("undecided, final, ends", [
+    (True, False, True), (False, True, True), (False, False, False)])
+def test_what_ends_with_an_undecided_corner_is_the_end_of_the_step(undecided, final, ends):
+    """No residual sees what a wrong state leaves out; nor is the end of a search forgotten."""
+    nodes, states = corner(), object.__new__(CornerStates)
+    nodes.undecided[:], nodes.switch = undecided, lambda *_: False
+    states.corners, states.index, states.others = nodes, 1, []
+    states._deformation = lambda load, x: None
+    states.qp = SimpleNamespace(scale=None, tol=None, operator=SimpleNamespace(
+        comm=None, structure=SimpleNamespace(patterns=0)))
+    states.fixed_point = SimpleNamespace(rows=None)
+
+    def fails(index, load, x, *_):
+        raise Unfinished(NotConverged("no end"), x, x, final)
+
+    with pytest.raises(Unfinished) as caught:
+        states._settled(fails, 1, SimpleNamespace(weights=np.zeros(0)), np.zeros(4), np.zeros(4),
+                        np.zeros(2), Trace(), 1e-8)
+    assert caught.value.final == ends
+
+
 def test_a_step_with_an_undecided_corner_names_it():
     """Whatever the residuals of what its state leaves: exit status 4."""
     nodes = corner()

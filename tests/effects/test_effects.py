@@ -166,6 +166,16 @@ def entries(effects=declared(*PLAIN), nodes=None, amplitudes=((0,), (1,), (0.5,)
                                    homogeneous))
 
 
+def test_what_nothing_switches_off_is_active_in_every_step():
+    """Unless no step was kept."""
+    facts = RunFacts({}, np.zeros((2, 1)), np.ones(1), counted([1], [0], [0]), {}, False, False,
+                     True)
+    assert facts.in_every_step("springs") == (True, "springs")
+    assert facts.touched() == (False, "nothing touched")
+    none = RunFacts({}, np.zeros((1, 1)), np.ones(1), counted([], [], []), {}, False, False, True)
+    assert none.in_every_step("springs")[0] is None
+
+
 def test_active_effects():
     found = entries()
     for name, unknowns in (("contact", 40), ("friction", 39), ("time", 0), ("load", 0)):

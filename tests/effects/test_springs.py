@@ -171,3 +171,23 @@ include "export.idp"
     own = 0 if sprung == 11 else 1
     assert motion[own].tolist() == [0, 0, 0]
     np.testing.assert_allclose(motion[1 - own], [0.3, -0.2, 0], rtol=1e-15)
+
+
+@pytest.mark.parametrize("cut", [1, 3, 8])
+def test_springs_at_all_vertices_carry_alike(solved, tmp_path, cut):
+    """A stiff block on nine springs of stiffness 2 sinks by a ninth of half its load, any cut."""
+    points = ", ".join(f"{x / 2}, {y / 2}, 2., 2." for x in range(3) for y in range(3))
+    path = tmp_path / "mattress.edp"
+    path.write_text(f"""include "scene.idp"
+body = square(2, 2);
+macro young() 1e9 //
+macro poisson() 0.3 //
+macro pointSpring() [{points}] //
+macro load1() traction(3, 0., -1.) //
+macro probePoints() [0., 0., 1., 0., 0.5, 1.] //
+include "export.idp"
+""")
+    run = solved(path, subdomains=cut, **TIGHT)
+    for point in ("point1", "point2", "point3"):
+        assert probed(run, point, "u_y") == pytest.approx(-1 / 18, rel=1e-6)
+        assert abs(probed(run, point, "u_x")) < 1e-7

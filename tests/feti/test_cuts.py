@@ -169,6 +169,26 @@ def test_components_have_corners_far_apart(cut, shape, seed):
         assert one == two or len(np.intersect1d(held[one], held[two])) >= 2
 
 
+@pytest.mark.parametrize("sides, fits", [(1, False), (2, True), (3, False)])
+def test_an_edge_of_an_interface_has_two_sides(sides, fits):
+    """Triangles that share an edge of the label of interfaces; the other edges are outer ones."""
+    skeleton = object.__new__(Skeleton)
+    skeleton.comm, skeleton.interface_label = MPI.COMM_SELF, 99
+    edges = np.array([[sub, *ends] for sub in range(sides)
+                      for ends in ((0, 1, 99), (1, 2 + sub, 7), (2 + sub, 0, 7))])
+    skeleton.edges, skeleton.own_edges = edges, np.ones(len(edges), bool)
+    skeleton.shared = (edges[:, 3] == 99) & (sides > 1)
+    skeleton.edge_id = np.where(edges[:, 3] == 99, 0, 1 + np.arange(len(edges)))
+    skeleton.edge_count = np.bincount(skeleton.edge_id)
+    skeleton.xy = np.zeros((1, 2))
+    skeleton.over_subdomains = lambda extreme, xy: xy
+    if fits:
+        skeleton.check_conformity()
+    else:
+        with pytest.raises(InputError, match="an edge has no match on the other side"):
+            skeleton.check_conformity()
+
+
 @pytest.mark.parametrize("move", [0.0, 100.0, -100.0])
 @pytest.mark.parametrize("known", [[], [2], [5, 6]])
 def test_components_with_near_corners_get_the_farthest_vertices(move, known):

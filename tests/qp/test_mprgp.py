@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import brentq
+
 from driver.hard.oracle import box_qp
 
 import driver.qp.mprgp as module
@@ -707,6 +709,22 @@ def test_norm_bound_breakdown_and_start():
         norm_bound(lambda v: v, 3, start=np.zeros(3))
     with pytest.raises(ValueError):
         norm_bound(lambda v: v * np.nan, 3)
+
+
+@pytest.mark.parametrize("steps", [8, 15])
+def test_the_norm_bound_leaves_the_error_that_random_starts_have(steps):
+    """The largest Ritz value by Krylov vectors made orthogonal, and the relative error eps that
+    risk = 1.648 sqrt(N) exp(-sqrt(eps) (2 k - 1)) says of k steps, at most 1/2.
+    """
+    values = np.linspace(0.0, 1.0, 400)
+    krylov = [np.ones(400)]
+    for _ in range(steps - 1):
+        krylov.append(np.linalg.qr(np.column_stack([*krylov, values * krylov[-1]]))[0][:, -1])
+    basis = np.linalg.qr(np.column_stack(krylov))[0]
+    theta = np.linalg.eigvalsh(basis.T @ (values[:, None] * basis))[-1]
+    eps = brentq(lambda eps: 1.648 * 20 * np.exp(-np.sqrt(eps) * (2 * steps - 1)) - 1e-3, 0, 9)
+    bound, _ = norm_bound(lambda v: values * v, 400, start=np.ones(400), steps=steps)
+    assert bound == pytest.approx(theta / (1 - min(eps, 0.5)), rel=1e-9)
 
 
 # --------------------------------------------------------------------------------- scaling

@@ -8,7 +8,7 @@ import pytest
 from mpi4py import MPI
 
 from driver.contact.states import OPEN, SLIP, STICK, ContactField
-from driver.results import outline, probes, quantities, screen, shares, summary, tables
+from driver.results import outline, probes, quantities, screen, shares, summary, tables, touch
 from driver.results.boundaries import _one_boundary
 from driver.results.ledger import shares as seconds_of
 from driver.results.nodal_means import NodalMeans
@@ -322,6 +322,19 @@ def test_names_of_columns_and_files():
     assert {row["file"] for row in tables.reference()} == set(tables.TABLES)
     assert {"entry", "unit", "meaning"} == set(summary.reference()[0])
     assert any(row["entry"] == "sizes.dual_dofs" for row in summary.reference())
+
+
+@pytest.mark.parametrize("closed, sides_, ends", [
+    ([1, 1, 1, 0, 0], 2.0, [1.0]), ([0, 0, 1, 0, 0], 2.0, [1.0, 1.0]),
+    ([0, 0, 0, 1, 1], 2.0, [1.0]), ([0, 0, 0, 0, 0], 0.0, [])])
+@pytest.mark.parametrize("middle", [False, True])
+def test_sides_in_which_contact_ends_are_those_of_elements(closed, sides_, ends, middle):
+    """Sides of length 1, with a node in the middle or without; pressures do not fall to the end."""
+    nodes = {"arc": np.arange(5.0) / (2 if middle else 1), "middle": np.arange(5) % 2 * middle,
+             "xy": np.column_stack([np.arange(5.0), np.zeros(5)]), "mirrored": np.zeros(5, bool)}
+    piece, state = np.arange(5), np.array(closed, bool)
+    assert touch._sides(nodes, piece, state) == sides_
+    assert touch._ends(nodes, piece, state, np.ones(5)) == ends
 
 
 def test_memory_is_that_of_the_process_in_mib():
