@@ -232,7 +232,8 @@ def near(name: str, words) -> str:
 def check_fixed_labels(scene: Path, manifest: Manifest) -> None:
     """Refuse on(label, ...) for a label, written as a number, that the mesh lacks: InputError.
 
-    FreeFEM ignores such a condition.
+    FreeFEM ignores such a condition. One on a line inside a body would hold where a cut runs along
+    it, and not elsewhere.
     """
     places = [(source.path.name, number, line) for source in grammar.sources(scene)
               for number, line in enumerate(source.lines, 1)]
@@ -242,7 +243,8 @@ def check_fixed_labels(scene: Path, manifest: Manifest) -> None:
             if int(label) not in manifest.labels:
                 raise InputError(
                     f"{name} line {number}: on({label}, ...) names a label that the mesh "
-                    f"lacks; it has {', '.join(map(str, manifest.labels))}")
+                    f"lacks; it has {', '.join(map(str, manifest.labels))} (a line inside a body "
+                    "is no boundary: make two bodies of it by addBody)")
 
 
 def check_regions(scene: Path, manifest: Manifest) -> None:

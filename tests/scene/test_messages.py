@@ -531,5 +531,7 @@ body = buildmesh(a(16) + middle(4));"""
                ("contact() 1", declared))
     message = said(*changes, parameters={})
     assert "label 9 is that of a line inside the body, at (" in message
+    held = said(*changes[:2], ("on(4, u1", "on(9, u1"), parameters={})
+    assert "on(9, ...) names a label that the mesh lacks; it has 1, 2, 3, 4" in held
     dropped = ("macro young", "body = change(body, rmInternalEdges = 1);\nmacro young")
     assert "no boundary with label 9" in said(*changes, dropped, parameters={})
