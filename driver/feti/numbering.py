@@ -282,7 +282,10 @@ class _Numbering:
         return present, [slice(a, b) for a, b in zip(ends, ends[1:])]
 
     def _fixed(self, sub: Subdomain, at_boundary: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Dirichlet dofs of a subdomain and their values (patterns, n_fixed)."""
+        """Dirichlet dofs of a subdomain and their values (patterns, n_fixed).
+
+        Supports are on boundaries: `at_boundary`, at nodes of the skeleton, are all of them.
+        """
         if not len(at_boundary):
             return at_boundary, self.fixed[1][:0].T
         dofs = np.sort(at_boundary)

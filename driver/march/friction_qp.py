@@ -19,9 +19,9 @@ from .relaxation import ContactRelaxation
 from .step import History, Unfinished
 
 ROUNDED = 1e-9  # part of travel below which displacements are its rounding
-FINEST = 1e-14  # of the displacements to be overcome: no tolerance is tightened below
-NEAR_ROUNDING = 1e2  # times that: a product may round off as much where stiffness jumps
-SPARED = 1e-2  # times that: a product may round off no more, of displacements that cancel
+FINEST = 1e-14  # of the displacements to be overcome: what a product may well round off
+NEAR_ROUNDING = 1e2  # times that: it may be as much where stiffness jumps, so it is measured
+SPARED = 1e-2  # times that: no tolerance is tightened below, whatever is measured
 STEADY = 2.0  # times what a product rounds off: two of the same differ by as much
 
 
@@ -146,9 +146,9 @@ class FrictionQP:
     def aim(self, part: float, x: np.ndarray) -> None:
         """Tolerance of the QPs to come: the step's, or `part` of it, but then not below rounding.
 
-        Where stiffness jumps that of a product may be far larger than of its result. There it is
-        measured at multipliers near theirs, `x`: beyond it MPRGP stagnates however good the
-        solution is. Collective.
+        What a product rounds off may be far more than its result has, where stiffness jumps, or
+        far less. It is measured at multipliers near theirs, `x`, where tolerances come near to it:
+        beyond it MPRGP stagnates however good the solution is. Collective.
         """
         own, least = self.settings.rtol * self.scales.d, FINEST * self.scales.d
         if part * own < NEAR_ROUNDING * least:
