@@ -550,3 +550,11 @@ def test_an_interrupt_of_the_command_alone_ends_its_processes(after, tmp_path):
     20000486, 20000546])  # a corner whose state was wrong, very soft springs
 def test_scenes_that_failed_once(seed, tmp_path):
     assert random.judge(seed, tmp_path).status == "solved"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [60000240, 80000568])
+def test_a_free_body_on_two_sides_is_refused_alike(seed, tmp_path):
+    """It turns without end, in states of its corner that each cut tries in its own order."""
+    row = random.judge(seed, tmp_path)
+    assert row.status == "refused", row.why
