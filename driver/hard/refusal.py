@@ -128,4 +128,4 @@ def _in_units(body: Assembled, manifest, weights, u_t, slipped, gap) -> States:
         np.hstack([C * unit[:, None] * unit * force / near, turned]), room,
         (u_t - loaded[count:]) * u_s / near, least * u_n / u_s, most * u_n / u_s,
         offset / force / u_s, turned.T, body.motions.T @ (weights @ body.loads) / force / size,
-        laws.pulling(body, manifest), laws.corners(body))
+        laws.pulling(body, manifest), laws.resting(body))

@@ -402,6 +402,17 @@ def test_a_corner_rests_only_where_it_is_closed():
     assert search([-1.0, -1.0], 0.3) and search([-1.0, 5.0], 0.0)
 
 
+@pytest.mark.parametrize("moves, rests", [(0.0, True), (1.0, False)])
+def test_a_corner_between_bodies_holds_only_what_normals_hold(moves, rests):
+    """A vertex on a floor beside a wall: fixed, it rests; the side of a body that moves along the
+    vertex slides past it, with the friction of its slip.
+    """
+    rows = np.array([[0.0, -1, 0, 0], [1, 0, -moves, 0], [1, 0, 0, 0], [0, 1, 0, -moves]])
+    body = SimpleNamespace(B=rows, gid=np.array([4, 4]))  # u of the vertex, u of the wall
+    assert laws.resting(body)[1, 0] == rests  # the wall's friction
+    assert laws.corners(body)[1, 0]
+
+
 def test_nothing_is_printed_by_libraries(capfd):
     """What C or the system writes while silenced does not come out, what follows does."""
     with environment.silenced():
