@@ -14,8 +14,8 @@ from scipy.sparse import csr_matrix
 from driver import environment
 from driver.errors import DriverError
 from driver.files import read_rows
-from driver.hard import (deformations, generator, judgement, laws, programs, random, refusal,
-                         sensitivity, states, suite)
+from driver.hard import (bounded, deformations, generator, judgement, laws, programs, random,
+                         refusal, sensitivity, states, suite)
 from driver.qp import complementarity
 from driver.qp.coulomb import CoulombProblem
 from driver.hard.motions import unresisted
@@ -382,6 +382,29 @@ def test_states_are_searched_as_if_all_were_tried(modes):
         assert programs.none_within(step, 500) == (not expected)
         none += not expected
     assert (none > 0) == (modes > 0)
+
+
+@pytest.mark.parametrize("modes, solved", [(1, 30), (3, 8)])
+def test_limits_of_forces_exclude_no_states(modes, solved):
+    """Three bilateral nodes, F up to 0.8, and in the second case a motion that normals do not feel,
+    which is what leaves some without a solution: the same verdict with limits of normal forces.
+    """
+    rng, n, verdicts = np.random.default_rng(modes), 3, []
+    for _ in range(30):
+        root = rng.standard_normal((2 * n, 2 * n))
+        C, F = root @ root.T + 0.1 * np.eye(2 * n), rng.uniform(0.0, 0.8, n)
+        moved, work = rng.standard_normal((2 * n, modes)), rng.standard_normal(modes)
+        if modes == 3:
+            moved[:n, 2] = 0.0
+        room, start = rng.standard_normal((2, n))
+        step = states.States(np.hstack([C, moved]), room, start, F, F, np.zeros(n), moved.T, work,
+                             np.ones(n, bool), np.zeros((n, n), bool))
+        limited = bounded.bounded(step)
+        if limited.reach is None:
+            continue
+        verdicts.append(limited.search(2000))
+        assert verdicts[-1] == step.search(2000)
+    assert len(verdicts) > 15 and sum(verdicts) >= solved * len(verdicts) / 30
 
 
 def test_a_corner_rests_only_where_it_is_closed():
