@@ -14,6 +14,8 @@ are known then, and the friction cone of a known sign is convex. What no such fr
 motions that lambda_n does not feel among it, has no solution in any states.
 """
 
+from dataclasses import dataclass, fields, replace
+
 import numpy as np
 from scipy.optimize import linprog
 
@@ -21,13 +23,44 @@ from ..environment import PLAIN_PROGRAM, silenced
 from .states import States
 
 DEPENDS, INDEPENDENT = 1e-12, 1e-6  # parts of the largest singular value: zero, and surely not
+SLACK = 1e-9  # of the largest normal force, for rounding of its bounds
+
+
+@dataclass(frozen=True)
+class _Bounds:
+    """Normal forces `a` + `B` friction (n,), (n, n), and friction of at most `friction` (n,).
+
+    `along` (q, n) friction = `given` (q,) is left of the equations.
+    """
+
+    a: np.ndarray
+    B: np.ndarray
+    friction: np.ndarray
+    along: np.ndarray
+    given: np.ndarray
 
 
 def unbalanced_by_friction(states: States) -> float:
     """Share of the forces that no friction within its bounds balances; 0 without an argument."""
+    bounds = _bounds(states)
+    return 0.0 if bounds is None or not len(bounds.given) else _imbalance(states, bounds)
+
+
+def bounded(states: States) -> States:
+    """The same step with normal forces kept to what friction within its bounds makes of them."""
+    bounds = _bounds(states)
+    if bounds is None:
+        return states
+    far = np.abs(bounds.B) @ bounds.friction
+    room = SLACK * (np.abs(bounds.a) + far).max()
+    return replace(states, reach=bounds.a + np.array([[-1.0], [1.0]]) * (far + room))
+
+
+def _bounds(states: States) -> _Bounds | None:
+    """Bounds of friction, or None without an argument."""
     n, m = len(states.room), len(states.load)
     if not states.pulls.all() or np.isinf(states.room).any():
-        return 0.0
+        return None
     normal = states.movement[:n]
     matrix = np.block([[normal[:, :n], normal[:, 2 * n :]],
                        [states.balance[:, :n], np.zeros((m, m))]])
@@ -35,19 +68,22 @@ def unbalanced_by_friction(states: States) -> float:
     given = np.append(states.room, -states.load)
     left, sizes, right = np.linalg.svd(matrix)
     held = sizes > DEPENDS * sizes[0]
-    if held.all() or (sizes[held] < INDEPENDENT * sizes[0]).any():
-        return 0.0
+    if (sizes[held] < INDEPENDENT * sizes[0]).any():
+        return None
     inverse = (right[held].T / sizes[held]) @ left[:, held].T
+    if np.abs(right[~held][:, :n]).max(initial=0.0) > INDEPENDENT:  # forces that nothing feels
+        return None
     a, B = (inverse @ given)[:n], -(inverse @ along)[:n]
     grows = states.most[:, None] * np.abs(B)
     if np.abs(np.linalg.eigvals(grows)).max() >= 1:
-        return 0.0
-    bound = np.linalg.solve(np.eye(n) - grows, states.most * np.abs(a) + states.offset)
-    return _imbalance(states, a, B, bound, left[:, ~held].T @ along, left[:, ~held].T @ given)
+        return None
+    most = np.linalg.solve(np.eye(n) - grows, states.most * np.abs(a) + states.offset)
+    return _Bounds(a, B, most, left[:, ~held].T @ along, left[:, ~held].T @ given)
 
 
-def _imbalance(states: States, a, B, bound, along, given) -> float:
-    """Least largest part of `along` (q, n) times friction less `given` (q,), over their sizes."""
+def _imbalance(states: States, bounds: _Bounds) -> float:
+    """Least largest part of `along` times friction less `given`, over their sizes."""
+    a, B, bound, along, given = (getattr(bounds, of.name) for of in fields(bounds))
     n, share = len(a), np.ones((len(given), 1))
     sign = np.where(np.abs(a) > np.abs(B) @ bound, np.sign(a), 0.0)
     known = np.flatnonzero(sign)

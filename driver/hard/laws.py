@@ -15,6 +15,8 @@ ROUNDINGS = 4  # random ones of the stiffness
 ROUNDED = 4 * np.finfo(float).eps  # of a place, where nothing deforms
 RESTS = 1e-6  # of the deformation: a gap that counts as closed, the accuracy of displacements
 
+NEARLY = 0.1  # part of a tangent beyond the normals where those of a mortar side depend nearly
+
 
 @dataclass(frozen=True)
 class Reported:
@@ -240,6 +242,20 @@ def rubbing(body: Assembled) -> np.ndarray:
 def corners(body: Assembled) -> np.ndarray:
     """(n_c, n_c) whether two nodes are different conditions at one vertex."""
     return (body.gid[:, None] == body.gid) & ~np.eye(len(body.gid), dtype=bool)
+
+
+def resting(body: Assembled) -> np.ndarray:
+    """(n_c, n_c) the `corners` that hold a node still where all of their conditions are closed.
+
+    Where another body is one of them it still moves along the node.
+    """
+    count, held = len(body.gid), corners(body)
+    for node in np.flatnonzero(held.any(axis=1)):
+        normals = body.B[:count][held[node] | (np.arange(count) == node)]
+        along = body.B[count + node]
+        left = along - normals.T @ np.linalg.lstsq(normals.T, along, rcond=None)[0]
+        held[node] &= np.linalg.norm(left) <= NEARLY * np.linalg.norm(along)
+    return held
 
 
 def disagreement(body: Assembled, one: dict, other: dict) -> float:

@@ -2,7 +2,8 @@
 
 A linear program over the assembled bodies: no contact forces inside their cones balance the loads
 on a free rigid motion. Where contact pulls, the same with the friction that it allows (bounded.py).
-A search of the states of the nodes (states.py): none of them solves the step.
+A search of the states of the nodes (states.py), where contact pulls within the limits that friction
+puts on normal forces: none of them solves the step.
 """
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy.sparse import bmat, csr_matrix, diags, identity
 
 from ..environment import PLAIN_PROGRAM, silenced
 from . import laws
-from .bounded import unbalanced_by_friction
+from .bounded import bounded, unbalanced_by_friction
 from .oracle import Assembled
 from .programs import MOST, none_within
 from .states import States
@@ -93,7 +94,7 @@ def no_state(body: Assembled, manifest, weights: np.ndarray, u_t: np.ndarray,
     share = unbalanced_by_friction(states)
     if share > SLACK:
         return True, f"bounds of friction: {share:.1e} of the forces stay unbalanced"
-    solved = states.search(PROGRAMS)
+    solved = bounded(states).search(PROGRAMS)
     if solved:
         return False, "it has a solution, in states that the search has come to"
     if solved is None:
@@ -128,4 +129,4 @@ def _in_units(body: Assembled, manifest, weights, u_t, slipped, gap) -> States:
         np.hstack([C * unit[:, None] * unit * force / near, turned]), room,
         (u_t - loaded[count:]) * u_s / near, least * u_n / u_s, most * u_n / u_s,
         offset / force / u_s, turned.T, body.motions.T @ (weights @ body.loads) / force / size,
-        laws.pulling(body, manifest), laws.corners(body))
+        laws.pulling(body, manifest), laws.resting(body))

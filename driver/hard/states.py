@@ -8,7 +8,7 @@ node whose law is violated most is decided next (branch and bound). No bound on 
 displacements is needed.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import Bounds, LinearConstraint, milp
@@ -18,6 +18,7 @@ from ..environment import PLAIN_PROGRAM, silenced
 
 UNDECIDED, OPEN, PRESSES, PULLS = range(4)
 STICKS, FORTH, BACK, RESTS = range(1, 5)  # of friction, 0: undecided; RESTS: see `States`
+ENOUGH = 0.95  # part of the width of limits below which it is worth tightening them once more
 NOTHING = 1e-7  # of forces and displacements of order one: what linear programs leave of zero
 
 
@@ -30,7 +31,9 @@ class States:
     lies between `least` (n,) and `most` (n,) times the pressure, and `offset` (n,) is added.
     `balance` (m, 2n) times the forces is -`load` (m,). `pulls` (n,): contact is bilateral.
     `corners` (n, n): nodes are conditions at one vertex, which rests where it closes all of them,
-    its friction anywhere inside the bounds.
+    its friction anywhere inside the bounds. `reach` (2, n): least and largest normal force where
+    they are known. There F |f_n| is at most the chord between the two, however contact pulls: a
+    cone of unknown sign is convex as well, and programs tighten these limits in turn.
     """
 
     movement: np.ndarray
@@ -43,6 +46,7 @@ class States:
     load: np.ndarray
     pulls: np.ndarray
     corners: np.ndarray
+    reach: np.ndarray | None = None
 
     @property
     def _rows(self) -> csc_matrix:
@@ -52,31 +56,79 @@ class States:
         unit, none = np.eye(n), np.zeros((n, m))
         cones = [np.hstack([sign * np.diag(of), unit, none])
                  for of in (self.most, self.least) for sign in (1.0, -1.0)]
-        return csc_matrix(np.vstack(
-            [self.movement, *cones, np.hstack([self.balance, np.zeros((m, m))])]))
+        chords = [] if self.reach is None else [
+            np.hstack([sign * np.diag(self.most * self._chord[0]), unit, none])
+            for sign in (1.0, -1.0)]
+        return csc_matrix(np.vstack([self.movement, *cones, *chords,
+                                     np.hstack([self.balance, np.zeros((m, m))])]))
+
+    @property
+    def _chord(self) -> tuple[np.ndarray, np.ndarray]:
+        """Slope and height (n,) of the chord that |f_n| is under within its reach."""
+        low, high = self.reach
+        slope = (np.abs(high) - np.abs(low)) / (high - low)
+        return slope, np.abs(low) - slope * low
 
     def search(self, programs: int) -> bool | None:
         """Whether some states solve the step; None if that takes more than so many programs."""
-        rows, tried, lost = self._rows, 0, False
-        n = len(self.room)
-        signed = np.where(self.most > 0, UNDECIDED, PRESSES)  # else a sign decides nothing
-        left = [(np.where(self.pulls, signed, UNDECIDED), np.zeros(n, int))]
         with silenced():
-            while left:
-                if tried >= programs:
-                    return None
-                tried += 1
-                normal, rub = left.pop()
-                feasible, x = self._solved(rows, normal, rub)
-                if not feasible:
-                    continue
-                node, tangential = self._next(rows, normal, rub, x)
-                if node is None:
-                    if x is not None:
-                        return True
-                    lost = True
-                    continue
-                left += self._decided(normal, rub, node, tangential, x, rows)
+            tightened = self._tightened()
+            return False if tightened is None else tightened._search(programs)
+
+    def _tightened(self) -> "States | None":
+        """The step with limits of normal forces as its programs know them; None if it has none."""
+        step, nothing = self, np.zeros(len(self.room), int)
+        while step.reach is not None:
+            rows, (low, high) = step._rows, step.reach
+            *limits, least, most = step._limits(step._signs, nothing)
+            within = {"bounds": Bounds(least, most), "options": PLAIN_PROGRAM,
+                      "constraints": LinearConstraint(rows, *limits)}
+            ends = []
+            for sign, known in ((1.0, low), (-1.0, high)):
+                for node, value in enumerate(known):
+                    cost = np.zeros(len(least))
+                    cost[node] = sign
+                    answer = milp(cost, **within)
+                    if answer.status == 2:
+                        return None
+                    ends.append(value if answer.x is None else sign * max(
+                        answer.fun - NOTHING, sign * value))
+            reach = np.reshape(ends, (2, -1))
+            idle = np.ptp(reach, axis=0).sum() > ENOUGH * np.ptp(step.reach, axis=0).sum()
+            step = replace(step, reach=reach)
+            if idle:
+                break
+        return step
+
+    @property
+    def _signs(self) -> np.ndarray:
+        """States of contact that are known at the start: no sign where it decides nothing."""
+        signs = np.where(self.pulls & (self.most == 0), PRESSES, UNDECIDED)
+        if self.reach is not None:
+            low, high = self.reach
+            rubs = self.pulls & (self.most > 0)
+            signs = np.where(rubs & (high <= 0), PRESSES, np.where(rubs & (low >= 0), PULLS, signs))
+        return signs
+
+    def _search(self, programs: int) -> bool | None:
+        """As `search`, within the limits that are known."""
+        rows, tried, lost = self._rows, 0, False
+        left = [(self._signs, np.zeros(len(self.room), int))]
+        while left:
+            if tried >= programs:
+                return None
+            tried += 1
+            normal, rub = left.pop()
+            feasible, x = self._solved(rows, normal, rub)
+            if not feasible:
+                continue
+            node, tangential = self._next(rows, normal, rub, x)
+            if node is None:
+                if x is not None:
+                    return True
+                lost = True
+                continue
+            left += self._decided(normal, rub, node, tangential, x, rows)
         return None if lost else False
 
     def _limits(self, normal: np.ndarray, rub: np.ndarray):
@@ -98,6 +150,10 @@ class States:
         largest = np.where(pulled | (self.pulls & ~presses) | (self.pulls & (self.most == 0)),
                            inf, 0.0)
         least = np.where(self.pulls & (self.most == 0), -inf, least)
+        if self.reach is not None:
+            under = o + self.most * self._chord[1]
+            low, high = [*low, -under, -inf], [*high, inf, under]
+            least, largest = np.maximum(least, self.reach[0]), np.minimum(largest, self.reach[1])
         return (np.concatenate([*low, -self.load]), np.concatenate([*high, -self.load]),
                 np.concatenate([least, -inf, -motions]), np.concatenate([largest, inf, motions]))
 

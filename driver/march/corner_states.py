@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from ..errors import NotConverged
+from ..errors import NoSolution, NotConverged
 from ..text import step_name
 from .fixed_point import FixedPoint
 from .step import Load, Trace, Unfinished
@@ -16,6 +16,7 @@ class CornerStates:
         self.fixed_point, self.contact = fixed_point, contact
         self.qp, self.corners = fixed_point.qp, fixed_point.rows.corners
         self.index, self.others = 0, None  # states left to try where those asked for have failed
+        self.none = None  # the step's first error that no equilibrium was found
 
     def find(self, index: int, load: Load, x, gradient, sliding, trace: Trace, rtol: float):
         """As FixedPoint.find; states that a violated condition refutes are changed.
@@ -35,7 +36,7 @@ class CornerStates:
         if self.index != index:
             if self.index == 0:  # a preload may have changed states
                 self.fixed_point.condensation.select()
-            self.index, self.others = index, None
+            self.index, self.others, self.none = index, None, None
             self.corners.begin_step()
         start = x, load.weights[self.qp.operator.structure.patterns :].copy(), sliding
         while True:
@@ -47,25 +48,31 @@ class CornerStates:
             if not self.corners.switch(x, gradient, self.fixed_point.rows, self.qp.scale,
                                        self.qp.tol, self.qp.operator.comm,
                                        self._deformation(load, x)):
-                if failure is not None:
-                    if self.others is None:
-                        self.others = self.corners.others()
-                    if not self.others:
-                        # residuals do not see what wrong states leave out
-                        failure.final = failure.final or bool(self.corners.undecided.any())
-                        raise failure
-                    self.corners.begin_step()
-                    self.corners.acting = self.others.pop(0)
-                    x, gradient, sliding = self._anew(load, *start)
-                    self.fixed_point.condensation.select()
-                    trace.again()
-                    continue
-                self._refuse(index, x, gradient)
-                return x, gradient, sliding
+                failure = failure or self._undecided(index, x, gradient)
+                if failure is None:
+                    return x, gradient, sliding
+                self._next(failure)
             if failure is not None:  # bodies may be anywhere, under any force
                 x, gradient, sliding = self._anew(load, *start)
             self.fixed_point.condensation.select()
             trace.again()
+
+    def _next(self, failure: Unfinished) -> None:
+        """Change to states that are left to try after `failure`; raise it if there are none.
+
+        Where a corner is undecided, for want of an equilibrium in some state if there was none:
+        which of the two ends the search depends on the order of states, and so on the cut.
+        """
+        if isinstance(failure.error, NoSolution):
+            self.none = self.none or failure.error
+        if self.others is None:
+            self.others = self.corners.others()
+        if not self.others:
+            if self.corners.undecided.any():  # residuals do not see what wrong states leave out
+                failure.final, failure.error = True, self.none or failure.error
+            raise failure
+        self.corners.begin_step()
+        self.corners.acting = self.others.pop(0)
 
     def _anew(self, load: Load, x, motion, sliding):
         """The start again: multipliers x, their gradient at rigid motions (modes,), `sliding`."""
@@ -92,12 +99,13 @@ class CornerStates:
             self.fixed_point.condensation.select()
         return x
 
-    def _refuse(self, index: int, x: np.ndarray, gradient: np.ndarray) -> None:
-        """Raise Unfinished where no state of a corner is right."""
+    def _undecided(self, index: int, x: np.ndarray, gradient: np.ndarray) -> Unfinished | None:
+        """The failure of a step in which no state of a corner is right."""
         wrong = self.corners.nodes[self.corners.undecided, 0]
-        if len(wrong):
-            where = ", ".join(f"({x:g}, {y:g})" for x, y in self.contact.xy[wrong])
-            raise Unfinished(NotConverged(
-                f"{step_name(index)}: no state of contact and friction was found for the two "
-                f"conditions at the corner {where}; smaller steps or a rounded corner may help"),
-                x, gradient, final=True)
+        if not wrong.size:
+            return None
+        where = ", ".join(f"({x:g}, {y:g})" for x, y in self.contact.xy[wrong])
+        return Unfinished(NotConverged(
+            f"{step_name(index)}: no state of contact and friction was found for the two "
+            f"conditions at the corner {where}; smaller steps or a rounded corner may help"),
+            x, gradient, final=True)

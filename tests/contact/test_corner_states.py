@@ -1,5 +1,7 @@
 """States of corners: which of two conditions at one vertex act, and how they share its force."""
 
+import re
+from contextlib import nullcontext
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,7 +11,7 @@ from scipy.optimize import linprog
 from driver.contact.corner_nodes import (BOTH, FIRST, MOST, NEITHER, SECOND, STANDING,
                                          CornerNodes)
 from driver.contact.sharing import least_friction
-from driver.errors import NotConverged
+from driver.errors import NoSolution, NotConverged
 from driver.march.corner_states import CornerStates
 from driver.march.step import Trace, Unfinished
 
@@ -232,7 +234,7 @@ def test_what_ends_with_an_undecided_corner_is_the_end_of_the_step(undecided, fi
     """No residual sees what a wrong state leaves out; nor is the end of a search forgotten."""
     nodes, states = corner(), object.__new__(CornerStates)
     nodes.undecided[:], nodes.switch = undecided, lambda *_: False
-    states.corners, states.index, states.others = nodes, 1, []
+    states.corners, states.index, states.others, states.none = nodes, 1, [], None
     states._deformation = lambda load, x: None
     states.qp = SimpleNamespace(scale=None, tol=None, operator=SimpleNamespace(
         comm=None, structure=SimpleNamespace(patterns=0)))
@@ -253,9 +255,24 @@ def test_a_step_with_an_undecided_corner_names_it():
     nodes.undecided[:] = True
     states = object.__new__(CornerStates)
     states.corners, states.contact = nodes, SimpleNamespace(xy=np.array([[2.0, 0.5]]))
-    with pytest.raises(Unfinished, match=r"step 3: .* at the corner \(2, 0.5\)") as caught:
-        states._refuse(3, np.zeros(4), np.zeros(4))  # pylint: disable=protected-access
-    assert caught.value.final and caught.value.error.exit_status == 4
+    failure = states._undecided(3, np.zeros(4), np.zeros(4))  # pylint: disable=protected-access
+    assert re.match(r"step 3: .* at the corner \(2, 0.5\)", str(failure))
+    assert failure.final and failure.error.exit_status == 4
+
+
+@pytest.mark.parametrize("errors", [(NoSolution("turns"), NotConverged("circles")),
+                                    (NotConverged("circles"), NoSolution("turns"))])
+def test_a_body_without_equilibrium_has_none_whatever_its_corners_do(errors):
+    """In one state of its corner it turns without end, in the other no state of the corner is
+    right: no equilibrium (status 3), whichever of the two comes last; the corner alone is status 4.
+    """
+    nodes, states = corner(), object.__new__(CornerStates)
+    states.corners, states.others, states.none = nodes, [np.array([STANDING])], None
+    for last, error in enumerate(errors):
+        nodes.undecided[:] = isinstance(error, NotConverged)
+        with pytest.raises(Unfinished) if last else nullcontext() as caught:
+            states._next(Unfinished(error, None, None))  # pylint: disable=protected-access
+    assert caught.value.error.exit_status == 3
 
 
 def test_least_friction_shares_a_force():

@@ -14,8 +14,8 @@ from scipy.sparse import csr_matrix
 from driver import environment
 from driver.errors import DriverError
 from driver.files import read_rows
-from driver.hard import (deformations, generator, judgement, laws, programs, random, refusal,
-                         sensitivity, states, suite)
+from driver.hard import (bounded, deformations, generator, judgement, laws, programs, random,
+                         refusal, sensitivity, states, suite)
 from driver.qp import complementarity
 from driver.qp.coulomb import CoulombProblem
 from driver.hard.motions import unresisted
@@ -384,6 +384,29 @@ def test_states_are_searched_as_if_all_were_tried(modes):
     assert (none > 0) == (modes > 0)
 
 
+@pytest.mark.parametrize("modes, solved", [(1, 30), (3, 8)])
+def test_limits_of_forces_exclude_no_states(modes, solved):
+    """Three bilateral nodes, F up to 0.8, and in the second case a motion that normals do not feel,
+    which is what leaves some without a solution: the same verdict with limits of normal forces.
+    """
+    rng, n, verdicts = np.random.default_rng(modes), 3, []
+    for _ in range(30):
+        root = rng.standard_normal((2 * n, 2 * n))
+        C, F = root @ root.T + 0.1 * np.eye(2 * n), rng.uniform(0.0, 0.8, n)
+        moved, work = rng.standard_normal((2 * n, modes)), rng.standard_normal(modes)
+        if modes == 3:
+            moved[:n, 2] = 0.0
+        room, start = rng.standard_normal((2, n))
+        step = states.States(np.hstack([C, moved]), room, start, F, F, np.zeros(n), moved.T, work,
+                             np.ones(n, bool), np.zeros((n, n), bool))
+        limited = bounded.bounded(step)
+        if limited.reach is None:
+            continue
+        verdicts.append(limited.search(2000))
+        assert verdicts[-1] == step.search(2000)
+    assert len(verdicts) > 15 and sum(verdicts) >= solved * len(verdicts) / 30
+
+
 def test_a_corner_rests_only_where_it_is_closed():
     """A vertex pushed against a wall by 1 and held from it by F = 0: its friction is free between
     two closed conditions, not beside an open one.
@@ -400,6 +423,17 @@ def test_a_corner_rests_only_where_it_is_closed():
         return step.search(500)
 
     assert search([-1.0, -1.0], 0.3) and search([-1.0, 5.0], 0.0)
+
+
+@pytest.mark.parametrize("moves, rests", [(0.0, True), (1.0, False)])
+def test_a_corner_between_bodies_holds_only_what_normals_hold(moves, rests):
+    """A vertex on a floor beside a wall: fixed, it rests; the side of a body that moves along the
+    vertex slides past it, with the friction of its slip.
+    """
+    rows = np.array([[0.0, -1, 0, 0], [1, 0, -moves, 0], [1, 0, 0, 0], [0, 1, 0, -moves]])
+    body = SimpleNamespace(B=rows, gid=np.array([4, 4]))  # u of the vertex, u of the wall
+    assert laws.resting(body)[1, 0] == rests  # the wall's friction
+    assert laws.corners(body)[1, 0]
 
 
 def test_nothing_is_printed_by_libraries(capfd):
@@ -550,3 +584,11 @@ def test_an_interrupt_of_the_command_alone_ends_its_processes(after, tmp_path):
     20000486, 20000546])  # a corner whose state was wrong, very soft springs
 def test_scenes_that_failed_once(seed, tmp_path):
     assert random.judge(seed, tmp_path).status == "solved"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [60000240, 80000568])
+def test_a_free_body_on_two_sides_is_refused_alike(seed, tmp_path):
+    """It turns without end, in states of its corner that each cut tries in its own order."""
+    row = random.judge(seed, tmp_path)
+    assert row.status == "refused", row.why
