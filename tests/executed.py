@@ -3,8 +3,9 @@
     EXECUTED=part.json python3 -m pytest -p executed tests/qp
 
 What a fixture or a factory of `conftest` (`SHARED`) executes counts for all tests that use it, not
-for the first alone. Left out is what other processes execute; of FreeFEM's processes it is known
-which files they read. The result is {"tests": {name: CPU seconds of its own and of all else that it
+for the first alone. Processes of Python that a test starts, ranks among them, record as well,
+unless they are killed (`_follow_children`); of FreeFEM's processes it is known which files they
+read. The result is {"tests": {name: CPU seconds of its own and of all else that it
 needs}, "lines": {file: {text of a line: tests as bits of a hexadecimal number}}}; FreeFEM's files
 have one text, "". Texts rather than numbers find a line again where others have changed. Tests that
 fail are left out.
@@ -13,6 +14,7 @@ fail are left out.
 import json
 import os
 import resource
+import shutil
 import sys
 from collections import defaultdict
 from pathlib import Path
@@ -23,6 +25,9 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("qp", "feti", "contact", "effects", "march", "results", "estimates")
 LIBRARY = sorted((ROOT / "edp" / "lib").rglob("*.idp"))
+TABLE = Path(os.environ["EXECUTED"]).resolve()
+CHILDREN = TABLE.with_suffix(".children")  # what other processes have executed
+CONTEXT = "EXECUTED_FOR"  # in their environment: on behalf of what
 SHARED = ("once", "exported", "built", "solved", "loaded")
 
 
@@ -37,7 +42,11 @@ class Contexts:
             data_file=None, config_file=False,
             source=[str(ROOT / "driver" / name) for name in PACKAGES])
         self.coverage.start()
-        self.coverage.switch_context("none")
+        self._switch()
+
+    def _switch(self) -> None:
+        self.coverage.switch_context(self.stack[-1])
+        os.environ[CONTEXT] = self.stack[-1]
 
     def _credit(self) -> None:
         now = _seconds()
@@ -49,13 +58,13 @@ class Contexts:
         self._credit()
         self.uses[self.stack[-1]].add(name)
         self.stack.append(name)
-        self.coverage.switch_context(name)
+        self._switch()
 
     def leave(self) -> None:
         """Back to the one before."""
         self._credit()
         self.stack.pop()
-        self.coverage.switch_context(self.stack[-1])
+        self._switch()
 
     def needed(self, name: str, seen=None) -> set:
         """`name` and all that it uses."""
@@ -75,6 +84,10 @@ class Contexts:
             for name in tests[test]:
                 bits[name] |= 1 << k
         lines, data = {}, self.coverage.get_data()
+        for path in CHILDREN.glob("data.*"):
+            child = coverage.CoverageData(path)
+            child.read()
+            data.update(child)
         for file in sorted(data.measured_files()):
             texts, by = Path(file).read_text().split("\n"), defaultdict(int)
             for line, names in data.contexts_by_lineno(file).items():
@@ -122,6 +135,18 @@ def _follow_freefem() -> None:
     environment.run_child = run
 
 
+def _follow_children() -> None:
+    """Let processes of Python that are started from now on record, each into a file of its own."""
+    shutil.rmtree(CHILDREN, ignore_errors=True)
+    CHILDREN.mkdir()
+    packages = "".join(f"\n    {ROOT / 'driver' / name}" for name in PACKAGES)
+    (CHILDREN / "rc").write_text(f"[run]\nparallel = True\ndata_file = {CHILDREN / 'data'}\n"
+                                 f"context = ${{{CONTEXT}}}\nsource ={packages}\n")
+    (CHILDREN / "sitecustomize.py").write_text("import coverage\ncoverage.process_startup()\n")
+    os.environ["COVERAGE_PROCESS_START"] = str(CHILDREN / "rc")
+    os.environ["PYTHONPATH"] = os.pathsep.join([str(CHILDREN), os.environ.get("PYTHONPATH", "")])
+
+
 def _shared(name: str, function):
     """`function` on behalf of what it is called with."""
     def call(*words, **options):
@@ -136,6 +161,7 @@ def _shared(name: str, function):
 
 def pytest_sessionstart():
     _follow_freefem()
+    _follow_children()
 
 
 @pytest.hookimpl(hookwrapper=True)
@@ -182,4 +208,5 @@ def pytest_runtest_logreport(report):
 
 
 def pytest_sessionfinish():
-    Path(os.environ["EXECUTED"]).write_text(json.dumps(contexts.table()))
+    TABLE.write_text(json.dumps(contexts.table()))
+    shutil.rmtree(CHILDREN)

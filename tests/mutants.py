@@ -136,8 +136,7 @@ def concerned(one: Mutant, tables: list[dict]) -> dict[str, dict[str, float]]:
     """Tests that execute the changed line, and CPU seconds of each and of what it needs.
 
     What stands outside of functions concerns all that execute anything of the file, and the tests
-    of its package, which may look at it without executing more. What ranks execute is not known:
-    tests of ranks, by their names, concern all of their package.
+    of its package, which may look at it without executing more.
     """
     text, tests = (ROOT / one.file).read_text(), {}
     start, _ = function_of(text, one.line) if one.package != "lib" else (0, 0)
@@ -148,7 +147,7 @@ def concerned(one: Mutant, tables: list[dict]) -> dict[str, dict[str, float]]:
         bits = [int(by, 16) for by in ([nearest] if nearest else known.values())]
         tests |= {test: needs for k, (test, needs) in enumerate(table["tests"].items())
                   if any(number >> k & 1 for number in bits)
-                  or ("rank" in test or not start) and test.startswith(f"tests/{one.package}/")}
+                  or not start and test.startswith(f"tests/{one.package}/")}
     return tests
 
 
