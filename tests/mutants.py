@@ -113,7 +113,10 @@ def executed(home: Path) -> list[dict]:
     def part(k: int) -> dict:
         table = home / f"{k}.json"
         if not table.exists():
-            folder = copy(home / f"copy{k}")
+            folder, children = home / f"copy{k}", table.with_suffix(".children")
+            for left in (folder, children):  # where recording was interrupted
+                shutil.rmtree(left, ignore_errors=True)
+            copy(folder)
             said = pytest(folder, "-p", "executed", *PARTS[k], path=sys.path,
                           EXECUTED=str(table))[1]
             if not table.exists():

@@ -86,9 +86,10 @@ def singular_places(nodes: dict, steps: dict, index: int) -> tuple[str, ...]:
     it does not pressure grows like the logarithm of the distance. Under the edge of a punch, where
     a body ends on another or beside a clamped corner pressures grow like a negative power of the
     distance, or like none: meshes hardly tell which, nor on which of them an end begins to exceed
-    the rest.
+    the rest. Bilateral contact pulls as well, and its peak is the largest of both: tension that
+    grows at an end is no less singular.
     """
-    pressure, status = -steps["sigma_n"][index], steps["status"][index]
+    pressure, status = np.abs(steps["sigma_n"][index]), steps["status"][index]
     rubs = (status == SLIP) & (steps["sigma_t"][index] != 0)
     largest, at_end = pressure.max(initial=0.0), 0.0
     near = END * (2 if nodes["middle"].any() else 1)
@@ -255,7 +256,7 @@ def longest_way(nodes: dict, piece: np.ndarray, steps: dict, index: int) -> floa
 def peak_nodes(nodes: dict, steps: dict, index: int) -> np.ndarray:
     """Node of the largest pressure at step `index`, and its neighbours on the piece if in contact.
     """
-    size, closed = np.abs(steps["sigma_n"][index]), steps["status"][index] != OPEN
+    size, closed = -steps["sigma_n"][index], steps["status"][index] != OPEN
     top = int(size.argmax())
     piece = next(piece for piece in chains(nodes) if top in piece)
     near = piece[np.abs(piece - top) <= 1]

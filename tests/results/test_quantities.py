@@ -165,6 +165,15 @@ def test_pressures_at_ends_of_contact_may_be_infinite():
     assert q.singular_places(nodes, steps, 0) == ("peak_pressure",)
 
 
+def test_tension_at_an_end_of_bilateral_contact_may_be_infinite():
+    """A body that is pulled off a bilateral support: the peak is that of the tension."""
+    x, tension = np.arange(6.0), np.array([1.0, 1, 1, 1, 1.5, 4])
+    nodes, steps = line(x, x >= 0, -tension, 0 * x)
+    assert q.singular_places(nodes, steps, 0) == ("peak_pressure",)
+    nodes, steps = line(x, x >= 0, -tension[[0, 1, 5, 4, 1, 0]], 0 * x)
+    assert q.singular_places(nodes, steps, 0) == ()
+
+
 def test_a_node_of_another_boundary_says_nothing_of_the_largest_slip():
     """The last node of one has slid farthest, the first of the other, the next in number, not."""
     x = np.arange(6.0)
