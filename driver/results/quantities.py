@@ -256,7 +256,7 @@ def longest_way(nodes: dict, piece: np.ndarray, steps: dict, index: int) -> floa
 def peak_nodes(nodes: dict, steps: dict, index: int) -> np.ndarray:
     """Node of the largest pressure at step `index`, and its neighbours on the piece if in contact.
     """
-    size, closed = -steps["sigma_n"][index], steps["status"][index] != OPEN
+    size, closed = np.abs(steps["sigma_n"][index]), steps["status"][index] != OPEN
     top = int(size.argmax())
     piece = next(piece for piece in chains(nodes) if top in piece)
     near = piece[np.abs(piece - top) <= 1]
