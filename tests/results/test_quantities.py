@@ -60,7 +60,8 @@ def test_what_nodes_leave_open():
     slip = np.array([9.0, 1.0, 1.0, 1.0, 1.0, 2.5, 4.0])
     nodes, steps = line(x, closed, 1.0 * closed, 1.0 * ~closed, slip=slip,
                         status=np.where(closed, SLIP, OPEN))
-    assert touch.between_nodes(nodes, steps, 0) == {"contact_length": touch.EDGE, "slip": 1.5}
+    assert touch.between_nodes(nodes, steps, 0) == {"peak_pressure": 0.0, "slip": 1.5,
+                                                    "contact_length": touch.EDGE}
     nodes["weight"][-1] += 0.4  # half of an edge of 0.8 to a clamped node
     assert touch.between_nodes(nodes, steps, 0)["contact_length"] == pytest.approx(0.4)
     nodes, steps = line(x, x >= 0, np.array([1.0, 1, 1, 1, 1, 1, 0.25]), 0 * x)
@@ -172,6 +173,27 @@ def test_tension_at_an_end_of_bilateral_contact_may_be_infinite():
     assert q.singular_places(nodes, steps, 0) == ("peak_pressure",)
     nodes, steps = line(x, x >= 0, -tension[[0, 1, 5, 4, 1, 0]], 0 * x)
     assert q.singular_places(nodes, steps, 0) == ()
+
+
+@pytest.mark.parametrize("sign", (1, -1))
+def test_pressures_that_alternate_leave_their_peak_open(sign):
+    """By as much as they are off an even one, in tension too; not at an edge of contact. On sides
+    of 1 and 2 half of what a parabola stands out from the line between its neighbours.
+    """
+    x = np.arange(6.0)
+    for pressure, left in (([9, 9.7, 10.3, 9.7, 10.3, 9], 0.3), ([9, 10, 11, 12, 13, 13.5], 0.0),
+                           ([0, 10.3, 9.7, 10, 9.7, 9], 0.0)):
+        nodes, steps = line(x, np.array(pressure) > 0, sign * np.array(pressure), 0 * x)
+        assert touch.between_nodes(nodes, steps, 0)["peak_pressure"] == pytest.approx(left)
+    x = np.array([-2.0, -1, 0, 2, 3])
+    nodes, steps = line(x, x > -9, sign * (10 - x**2), 0 * x)
+    assert touch.between_nodes(nodes, steps, 0)["peak_pressure"] == pytest.approx(1.0)
+
+
+def test_the_peak_of_bilateral_contact_is_where_it_pulls_or_presses_most():
+    x = np.arange(6.0)
+    nodes, steps = line(x, x >= 0, np.array([2.0, 1, 1, -5, -1, 0]), 0 * x)
+    assert q.peak_nodes(nodes, steps, 0).tolist() == [2, 3, 4]
 
 
 def test_a_node_of_another_boundary_says_nothing_of_the_largest_slip():

@@ -269,7 +269,8 @@ def test_boundaries_of_a_single_node_have_its_length():
     assert quantities.longest_way(nodes, pieces[1], steps, 1) == 2.0
     assert quantities.edges_of_contact(nodes, pieces[1], steps, 0) == []
     assert quantities.peak(np.zeros(1), np.array([9.0])) == 9.0
-    assert between_nodes(nodes, steps, 0) == {"contact_length": 0.0, "slip": 0.0}
+    assert between_nodes(nodes, steps, 0) == {"peak_pressure": 0.0, "contact_length": 0.0,
+                                               "slip": 0.0}
 
 
 # ------------------------------------------------------------------------------ tables, lines
