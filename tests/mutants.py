@@ -113,9 +113,8 @@ def executed(home: Path) -> list[dict]:
     def part(k: int) -> dict:
         table = home / f"{k}.json"
         if not table.exists():
-            folder, children = home / f"copy{k}", table.with_suffix(".children")
-            for left in (folder, children):  # where recording was interrupted
-                shutil.rmtree(left, ignore_errors=True)
+            folder = home / f"copy{k}"
+            shutil.rmtree(folder, ignore_errors=True)  # of a recording that was interrupted
             copy(folder)
             said = pytest(folder, "-p", "executed", *PARTS[k], path=sys.path,
                           EXECUTED=str(table))[1]

@@ -40,17 +40,20 @@ class _Bounds:
     given: np.ndarray
 
 
-def unbalanced_by_friction(states: States) -> float:
-    """Share of the forces that no friction within its bounds balances; 0 without an argument."""
-    bounds = _bounds(states)
-    return 0.0 if bounds is None or not len(bounds.given) else _imbalance(states, bounds)
+def unbalanced_by_friction(states: States) -> tuple[float, States]:
+    """Share of the forces that no friction within its bounds balances, 0 without an argument.
 
-
-def bounded(states: States) -> States:
-    """The same step with normal forces kept to what friction within its bounds makes of them."""
+    And the same step with normal forces kept to what such friction makes of them.
+    """
     bounds = _bounds(states)
     if bounds is None:
-        return states
+        return 0.0, states
+    share = _imbalance(states, bounds) if len(bounds.given) else 0.0
+    return share, _limited(states, bounds)
+
+
+def _limited(states: States, bounds: _Bounds) -> States:
+    """The step within the normal forces that `bounds` leave."""
     far = np.abs(bounds.B) @ bounds.friction
     room = SLACK * (np.abs(bounds.a) + far).max()
     return replace(states, reach=bounds.a + np.array([[-1.0], [1.0]]) * (far + room))

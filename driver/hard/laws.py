@@ -14,7 +14,6 @@ from .oracle import Assembled
 ROUNDINGS = 4  # random ones of the stiffness
 ROUNDED = 4 * np.finfo(float).eps  # of a place, where nothing deforms
 RESTS = 1e-6  # of the deformation: a gap that counts as closed, the accuracy of displacements
-
 NEARLY = 0.1  # part of a tangent beyond the normals where those of a mortar side depend nearly
 
 

@@ -12,7 +12,7 @@ from scipy.sparse import bmat, csr_matrix, diags, identity
 
 from ..environment import PLAIN_PROGRAM, silenced
 from . import laws
-from .bounded import bounded, unbalanced_by_friction
+from .bounded import unbalanced_by_friction
 from .oracle import Assembled
 from .programs import MOST, none_within
 from .states import States
@@ -91,10 +91,10 @@ def no_state(body: Assembled, manifest, weights: np.ndarray, u_t: np.ndarray,
     pressure any inside its bound at corners: more than there is, so that "no solution" is certain.
     """
     states = _in_units(body, manifest, weights, u_t, slipped, gap)
-    share = unbalanced_by_friction(states)
+    share, limited = unbalanced_by_friction(states)
     if share > SLACK:
         return True, f"bounds of friction: {share:.1e} of the forces stay unbalanced"
-    solved = bounded(states).search(PROGRAMS)
+    solved = limited.search(PROGRAMS)
     if solved:
         return False, "it has a solution, in states that the search has come to"
     if solved is None:

@@ -8,7 +8,8 @@ from driver import units
 @pytest.mark.parametrize("length, stress, force, energy", [
     ("m", "Pa", "N/m", "J/m"), ("mm", "MPa", "N/mm", "J/m"), ("m", "MPa", "MN/m", "MJ/m"),
     ("mm", "GPa", "kN/mm", "kJ/m"), ("mm", "Pa", "µN/mm", "µJ/m"),
-    ("um", "MPa", "µN/um", "µJ/m"), ("mm", "N/mm^2", "N/mm", "J/m"), ("m", "kN/m²", "kN/m", "kJ/m"),
+    ("um", "MPa", "µN/um", "µJ/m"), ("mm", "N/mm^2", "N/mm", "J/m"),
+    ("m", "kN/m²", "kN/m", "kJ/m"),
     ("mm", "kN/mm2", "kN/mm", "kJ/m"), ("mm", "xN/mm2", "xN/mm2·mm", "xN/mm2·mm²"),
     ("m", "kPa", "kN/m", "kJ/m"), ("in", "psi", "psi·in", "psi·in²"), ("1", "1", "1", "1"),
     ("m", "1", "m", "m²")])
