@@ -15,6 +15,7 @@ from . import laws
 from .bounded import unbalanced_by_friction
 from .oracle import Assembled
 from .programs import MOST, none_within
+from .slip_limits import SlipLimits
 from .states import States
 
 SLACK = 1e-6  # share of the forces that must stay unbalanced at least
@@ -86,9 +87,8 @@ def no_state(body: Assembled, manifest, weights: np.ndarray, u_t: np.ndarray,
 
     `weights` (patterns,) of the step's loads, `u_t` (n_c,) tangential displacements of nodes that
     do not slide in it, `slipped` (n_c,) the way of nodes until then, `gap` (n_c,) if it is not
-    that of the start. Where a slip law changes friction, any force
-    between the least and the largest that it can give is admitted, and where friction needs no
-    pressure any inside its bound at corners: more than there is, so that "no solution" is certain.
+    that of the start. Where friction needs no pressure, any inside its bound is admitted at
+    corners: more than there is, so that "no solution" is certain.
     """
     states = _in_units(body, manifest, weights, u_t, slipped, gap)
     share, limited = unbalanced_by_friction(states)
@@ -104,6 +104,21 @@ def no_state(body: Assembled, manifest, weights: np.ndarray, u_t: np.ndarray,
         return False, (f"neither the search of the states of {len(u_t)} nodes nor a program has "
                        "come to an end")
     return True, "search of states: none of the nodes' solves it"
+
+
+def _slip_limits(body: Assembled, manifest, before, unit, ways) -> SlipLimits | None:
+    """The slip law of a step, None if there is none.
+
+    `before` (2, n_c): sum of slip and displacement where nothing slides in the step; `unit` (n_c,)
+    of coefficients and `ways` (n_c,) of slip.
+    """
+    law = manifest.rooms.get("slip_law")
+    if not law:
+        return None
+    travelled = law["argument"] == "slip"
+    own = laws.rubbing(body) * body.columns.get("friction", np.zeros(len(body.gid)))
+    return SlipLimits(np.linspace(0.0, law["range"], len(law["values"])), np.array(law["values"]),
+                      own * unit, ways, before[0] if travelled else before[1], travelled)
 
 
 def _in_units(body: Assembled, manifest, weights, u_t, slipped, gap) -> States:
@@ -125,8 +140,11 @@ def _in_units(body: Assembled, manifest, weights, u_t, slipped, gap) -> States:
     size[size == 0] = 1.0
     room = np.where(laws.supported(body), np.inf, (gap - loaded[:count]) * u_n / near)
     turned = turned / size * unit[:, None]
+    before = np.zeros(count) if slipped is None else slipped, u_t
     return States(
         np.hstack([C * unit[:, None] * unit * force / near, turned]), room,
         (u_t - loaded[count:]) * u_s / near, least * u_n / u_s, most * u_n / u_s,
         offset / force / u_s, turned.T, body.motions.T @ (weights @ body.loads) / force / size,
-        laws.pulling(body, manifest), laws.resting(body))
+        laws.pulling(body, manifest), laws.resting(body),
+        law=_slip_limits(body, manifest, before, u_n / u_s, near / u_s),
+        slips=np.array([[-np.inf], [np.inf]]) * np.ones(count))

@@ -9,12 +9,14 @@ displacements is needed.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.sparse import csc_matrix
 
 from ..environment import PLAIN_PROGRAM, silenced
+from .slip_limits import SlipLimits
 
 UNDECIDED, OPEN, PRESSES, PULLS = range(4)
 STICKS, FORTH, BACK, RESTS = range(1, 5)  # of friction, 0: undecided; RESTS: see `States`
@@ -33,7 +35,8 @@ class States:
     `corners` (n, n): nodes are conditions at one vertex, which rests where it closes all of them,
     its friction anywhere inside the bounds. `reach` (2, n): least and largest normal force where
     they are known. There F |f_n| is at most the chord between the two, however contact pulls: a
-    cone of unknown sign is convex as well, and programs tighten these limits in turn.
+    cone of unknown sign is convex as well, and programs tighten these limits in turn. `slips`
+    (2, n): least and largest slip, by which `law` narrows the limits of friction.
     """
 
     movement: np.ndarray
@@ -47,8 +50,10 @@ class States:
     pulls: np.ndarray
     corners: np.ndarray
     reach: np.ndarray | None = None
+    law: SlipLimits | None = None
+    slips: np.ndarray | None = None
 
-    @property
+    @cached_property
     def _rows(self) -> csc_matrix:
         """Over, slip, tangential plus and minus `most`, then `least` times normal force, balance.
         """
@@ -79,10 +84,10 @@ class States:
         """The step with limits of normal forces as its programs know them; None if it has none."""
         step, nothing = self, np.zeros(len(self.room), int)
         while step.reach is not None:
-            rows, (low, high) = step._rows, step.reach
+            low, high = step.reach
             *limits, least, most = step._limits(step._signs, nothing)
             within = {"bounds": Bounds(least, most), "options": PLAIN_PROGRAM,
-                      "constraints": LinearConstraint(rows, *limits)}
+                      "constraints": LinearConstraint(step._rows, *limits)}
             ends = []
             for sign, known in ((1.0, low), (-1.0, high)):
                 for node, value in enumerate(known):
@@ -112,24 +117,68 @@ class States:
 
     def _search(self, programs: int) -> bool | None:
         """As `search`, within the limits that are known."""
-        rows, tried, lost = self._rows, 0, False
-        left = [(self._signs, np.zeros(len(self.room), int))]
+        tried, lost = 0, False
+        left = [(self, self._signs, np.zeros(len(self.room), int))]
         while left:
             if tried >= programs:
                 return None
             tried += 1
-            normal, rub = left.pop()
-            feasible, x = self._solved(rows, normal, rub)
+            step, normal, rub = left.pop()
+            step = step._narrowed(rub)
+            feasible, x = step._solved(normal, rub)
             if not feasible:
                 continue
-            node, tangential = self._next(rows, normal, rub, x)
-            if node is None:
-                if x is not None:
-                    return True
-                lost = True
+            node, tangential = step._next(normal, rub, x)
+            if node is not None:
+                left += [(step, *states) for states in step._decided(
+                    normal, rub, node, tangential, x)]
                 continue
-            left += self._decided(normal, rub, node, tangential, x, rows)
+            parts = [] if x is None else step._by_slip(normal, rub, x)
+            if x is not None and not parts:
+                return True
+            lost = lost or x is None
+            left += [(part, normal, rub) for part in parts]
         return None if lost else False
+
+    def _narrowed(self, rub: np.ndarray) -> "States":
+        """The step with the friction that slip of these states can give."""
+        if self.law is None:
+            return self
+        low = np.where((rub == STICKS) | (rub == FORTH), 0.0, -np.inf)
+        high = np.where((rub == STICKS) | (rub == BACK), 0.0, np.inf)
+        low, high = np.maximum(low, self.slips[0]), np.minimum(high, self.slips[1])
+        least, most = self.law.within(low, np.maximum(low, high))
+        return replace(self, least=least, most=most, slips=np.array([low, high]))
+
+    def _by_slip(self, normal: np.ndarray, rub: np.ndarray, x: np.ndarray) -> list["States"]:
+        """The step with less slip, and with more, of the node whose friction is off the law most.
+
+        None if all have the friction of their slip. Programs know limits of that slip first.
+        """
+        if self.law is None:
+            return []
+        n = len(normal)
+        slip, along = (self._rows[n : 2 * n] @ x) - self.start, np.abs(x[n : 2 * n])
+        bound = self.law.at(slip) * np.abs(x[:n]) + self.offset
+        slides = (rub == FORTH) | (rub == BACK)
+        wrong = np.where(slides, np.abs(along - bound), along - bound)
+        if wrong.max(initial=0.0) <= NOTHING:
+            return []
+        node = int(wrong.argmax())
+        low, high = self._slip_of(node, normal, rub)
+        return self._divided(node, low, high, slip[node])
+
+    def _divided(self, node: int, low: float, high: float, near: float) -> list["States"]:
+        """The step with slip of a node from `low` to about `near`, and from there to `high`."""
+        end = self.law.end(node)  # beyond which friction no longer changes
+        inner = np.clip([low, high], -end, end)
+        near = np.clip(near, *(inner + np.array([0.25, -0.25]) * (inner[1] - inner[0])))
+        parts = []
+        for ends in ((low, near), (near, high)):
+            slips = self.slips.copy()
+            slips[:, node] = ends
+            parts.append(replace(self, slips=slips))
+        return parts
 
     def _limits(self, normal: np.ndarray, rub: np.ndarray):
         """Limits of the rows and of the unknowns in some states."""
@@ -139,6 +188,9 @@ class States:
         over = np.where((closed | self.pulls) & ~np.isinf(self.room), self.room, -np.inf)
         slip = (np.where((rub == STICKS) | (rub == FORTH), self.start, -inf),
                 np.where((rub == STICKS) | (rub == BACK), self.start, inf))
+        if self.law is not None:
+            slip = (np.maximum(slip[0], self.start + self.slips[0]),
+                    np.minimum(slip[1], self.start + self.slips[1]))
         # most f_n + f_t, -most f_n + f_t; the same with the least
         low = [over, slip[0], np.where(pulled, -o, -inf), np.where(sided, -o, -inf),
                np.where((rub == BACK) & sided, o, -inf), np.where((rub == BACK) & pulled, o, -inf)]
@@ -157,32 +209,44 @@ class States:
         return (np.concatenate([*low, -self.load]), np.concatenate([*high, -self.load]),
                 np.concatenate([least, -inf, -motions]), np.concatenate([largest, inf, motions]))
 
-    def _solved(self, rows, normal: np.ndarray, rub: np.ndarray):
+    def _solved(self, normal: np.ndarray, rub: np.ndarray):
         """Whether the linear program may have a solution, and forces and motions if it was solved.
 
         Of all solutions that with the least pressures and openings of nodes not yet decided.
         """
         low, high, least, largest = self._limits(normal, rub)
         n, undecided = len(normal), normal == UNDECIDED
-        aim = -np.asarray(rows[:n][undecided].sum(axis=0)).ravel()
+        aim = -np.asarray(self._rows[:n][undecided].sum(axis=0)).ravel()
         aim[:n][undecided & ~self.pulls] -= 1.0
         for cost in (aim, 0.0 * aim):  # which rounding may keep it from, or openings without end
             answer = milp(cost, bounds=Bounds(least, largest), options=PLAIN_PROGRAM,
-                          constraints=LinearConstraint(rows, low, high))
+                          constraints=LinearConstraint(self._rows, low, high))
             if answer.status == 2:
                 return False, None
             if answer.x is not None:
                 return True, answer.x
         return True, None
 
-    def _next(self, rows, normal: np.ndarray, rub: np.ndarray, x: np.ndarray | None):
+    def _slip_of(self, node: int, normal: np.ndarray, rub: np.ndarray) -> tuple[float, float]:
+        """Least and largest slip of a node in some states."""
+        *rows, least, largest = self._limits(normal, rub)
+        cost, ends = self.movement[len(normal) + node], list(self.slips[:, node])
+        for end, sign in enumerate((1.0, -1.0)):
+            answer = milp(sign * cost, bounds=Bounds(least, largest), options=PLAIN_PROGRAM,
+                          constraints=LinearConstraint(self._rows, *rows))
+            if answer.x is not None:
+                known = sign * (answer.fun - NOTHING) - self.start[node]
+                ends[end] = max(ends[end], known) if sign > 0 else min(ends[end], known)
+        return ends[0], max(ends)
+
+    def _next(self, normal: np.ndarray, rub: np.ndarray, x: np.ndarray | None):
         """Node that is decided next and whether by its friction; None where all obey their law."""
         n = len(normal)
         if x is None:  # unknown to rounding: any that is left
             touching, rubbing = normal == UNDECIDED, (rub == 0) & (normal >= PRESSES)
             which = touching if touching.any() else rubbing
             return (int(which.argmax()), not touching.any()) if which.any() else (None, False)
-        moved, force, along = rows[: 2 * n] @ x, np.abs(x[:n]), x[n : 2 * n]
+        moved, force, along = self._rows[: 2 * n] @ x, np.abs(x[:n]), x[n : 2 * n]
         open_by, slip = self.room - moved[:n], moved[n:] - self.start
         most, least = self.most * force + self.offset, self.least * force + self.offset
         # where contact pulls, sliding friction is known with the sign of the force
@@ -196,16 +260,16 @@ class States:
         wrong = np.where((rub == 0) & (most > NOTHING), np.minimum(missing, np.abs(slip)), 0.0)
         return (int(wrong.argmax()), True) if wrong.max(initial=0.0) > NOTHING else (None, False)
 
-    def _decided(self, normal, rub, node: int, tangential: bool, x, rows) -> list:
+    def _decided(self, normal, rub, node: int, tangential: bool, x) -> list:
         """The states that are left, with `node` decided; the likeliest last."""
         ways, n, others = [], len(normal), self.corners[node]
         if not tangential:
-            pressed = x is None or -x[node] > self.room[node] - (rows[node] @ x)[0]
+            pressed = x is None or -x[node] > self.room[node] - (self._rows[node] @ x)[0]
             choices = (PULLS, PRESSES) if self.pulls[node] else (OPEN, PRESSES)
             for state in choices if pressed else choices[::-1]:
                 ways.append((np.where(np.arange(n) == node, state, normal), rub))
             return ways
-        slip = 0.0 if x is None else (rows[n + node] @ x)[0] - self.start[node]
+        slip = 0.0 if x is None else (self._rows[n + node] @ x)[0] - self.start[node]
         for state in (RESTS, BACK, STICKS, FORTH) if slip > 0 else (RESTS, FORTH, STICKS, BACK):
             touching = normal
             if state == RESTS:

@@ -20,6 +20,7 @@ from driver.qp import complementarity
 from driver.qp.coulomb import CoulombProblem
 from driver.hard.motions import unresisted
 from driver.hard.shapes import block, disc, lattice, split, with_hole, with_slit
+from driver.hard.slip_limits import SlipLimits
 
 SEED = 3007  # the scenes of the default tests begin here
 RANKED = (3011,)  # of them those that also run on two ranks, which takes a second each
@@ -405,6 +406,35 @@ def test_limits_of_forces_exclude_no_states(modes, solved):
         verdicts.append(limited.search(2000))
         assert verdicts[-1] == step.search(2000)
     assert len(verdicts) > 15 and sum(verdicts) >= solved * len(verdicts) / 30
+
+
+@pytest.mark.parametrize("travelled", [True, False])
+@pytest.mark.parametrize("push, solved", [(1.1, True), (1.15, True), (1.3, False), (1.9, False)])
+def test_friction_is_that_of_the_slip_it_comes_with(push, solved, travelled):
+    """A rigid body on two feet, each pressed by 1, whose friction rises with slip from 0.2 to 1 at
+    0.5 and falls to 0.2 at 1; one foot is ahead of the other by half of that way.
+
+    Together they resist by 0.2 + 1.6 s + 1 - 1.6 s = 1.2 at most, each alone by 1.
+    """
+    law = SlipLimits(np.linspace(0.0, 1.0, 3), np.array([0.2, 1.0, 0.2]), np.ones(2), np.ones(2),
+                     np.array([0.0, 0.5]), travelled)
+    turned = np.array([[1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
+    none, without = np.zeros(2), np.array([[-np.inf], [np.inf]]) * np.ones(2)
+    step = states.States(np.hstack([1e-3 * np.eye(4), turned]), none, none, none + 0.2, none + 1.0,
+                         none, turned.T, np.array([2.0, 0.0, push]), np.zeros(2, bool),
+                         np.zeros((2, 2), bool), law=law, slips=without)
+    assert step.search(500) == solved
+    assert replace(step, law=None).search(500)  # any friction between the least and the largest
+
+
+def test_friction_within_limits_of_slip():
+    """Values at the ends and at the points of the table between them, of |slip| either way."""
+    law = SlipLimits(np.linspace(0.0, 1.0, 3), np.array([0.2, 1.0, 0.2]), np.full(3, 2.0),
+                     np.full(3, 0.5), np.array([0.0, 0.25, 1.0]), True)
+    least, most = law.within(np.array([-0.5, 0.2, -np.inf]), np.array([0.3, 2.0, np.inf]))
+    # |slip| in 0 ... 0.25, 0.35 ... 1.25, 1 and more
+    assert np.allclose(least, [0.4, 0.4, 0.4]) and np.allclose(most, [1.2, 2.0, 0.4])
+    assert np.allclose(law.at(np.array([0.3, -0.5, 0.0])), [2 * 0.44, 2.0, 0.4])
 
 
 def test_a_corner_rests_only_where_it_is_closed():
