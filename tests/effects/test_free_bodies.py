@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from driver.qp import complementarity
 from driver.errors import NotConverged
-from driver.march import fixed_point as fixedpoint, globalization, quasistatic
+from driver.march import fixed_point as fixedpoint, globalization, tightening
 from driver.march.friction_qp import FrictionQP
 from driver.march.step import Unfinished
 from driver.qp.coulomb import CoulombProblem
@@ -292,7 +292,7 @@ def test_a_proof_that_no_states_solve_a_step_ends_it(built, steps_of, monkeypatc
 
     monkeypatch.setattr(fixedpoint.FixedPoint, "_accelerate", lambda *a: None)
     monkeypatch.setattr(globalization, "solve_condensed", proved)
-    monkeypatch.setattr(quasistatic, "NEARLY", np.inf)  # exacter QPs might settle any state
+    monkeypatch.setattr(tightening, "NEARLY", np.inf)  # exacter QPs might settle any state
     solver, _ = steps_of(problem, rtol=1e-11, friction_rtol=1e-9, uniqueness="no")
     assert solver.failure.exit_status == 3 and len(searched) == 1
 
