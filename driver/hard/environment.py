@@ -212,7 +212,7 @@ CASES = [
     _refused("FreeFEM fails", freefem("echo 'Out of bound'; exit 6\n"), "FreeFEM failed.*exit 6"),
     _refused("FreeFEM is killed", freefem("kill -9 $$\n"), "FreeFEM was killed by signal 9",
              fast=True),
-    _refused("FreeFEM writes nothing", freefem("exit 0\n"), "manifest.json is missing"),
+    _refused("FreeFEM writes nothing", freefem("exit 0\n"), "left no manifest.json"),
     _refused("FreeFEM loses a block", freefem('"$freefem" "$@"; rm "$export/block-0.bin"\n'),
              "block-0.bin is missing"),
     _refused("FreeFEM writes half a block",

@@ -112,6 +112,6 @@ CASES = [
          reason="turn a triangle inside out, at"),
     Case("rough sphere", "sphere", {"STEPS": 6}, checks=LAWS,
          sizes=({"H": 0.004}, {"H": 0.002, "SUBDOMAINS": 7})),
-    Case("curved contact boundary", "mindlin", {"STEPS": 6}, checks=LAWS,
+    Case("curved contact boundary", "mindlin", {"STEPS": 5}, checks=LAWS,
          sizes=({"H": 0.002}, {"H": 0.001})),
 ]

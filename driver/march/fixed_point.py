@@ -115,28 +115,38 @@ class FixedPoint:
         """x with the contact multipliers that solve contact and friction, gluing ones unchanged.
 
         Successive approximations as in `find`, with F_cc for F, and bodies without support follow
-        as soon as these have settled. `gradient` need be right only on the contact rows.
+        as soon as these have settled, as long as that leaves them better balanced: beyond, they may
+        lose contact, and nothing would stop them. `gradient` need be right only on the contact
+        rows. Where they do not settle: the best of them.
         """
-        rows, qp, aim = self.rows, self.qp, None
+        rows, qp, aim, patterns = self.rows, self.qp, None, self.operator.structure.patterns
         for _ in range(CORRECTIONS):
             limits, bound = rows.limits(self.operator.owned, x), rows.friction_bound(x)
             residual = projected_gradient(x, gradient, *limits)
-            if aim is not None and qp.size(residual) > DIVERGED * whole:
-                return first
             if aim is None:
-                first = x
                 whole, loose = qp.size(residual), self.bodies.imbalance(load, x)
                 aim = max(0.5 * qp.tol, CORRECTION * whole)
-                balanced = max(0.5 * self.rtol, BALANCED * loose)
+                balanced, best, least = max(0.5 * self.rtol, BALANCED * loose), x, np.inf
+                placed, loose = None, np.inf
             residual[rows.gluing] = 0.0
-            if whole <= qp.tol or qp.size(residual) <= aim:
-                if not self.corrects_motion or self.bodies.imbalance(load, x) <= balanced:
-                    break
-                gradient = gradient - self.bodies.follow(load, x)
+            left = qp.size(residual)
+            if left > DIVERGED * whole:
+                break
+            if left < least:
+                best, least = x, left
+            if whole <= qp.tol or left <= aim:
+                before, loose = loose, self.bodies.imbalance(load, x)
+                if not self.corrects_motion or loose <= balanced:
+                    return x
+                if loose > HEADWAY * before:
+                    self.bodies.shift(load, placed[1] - load.weights[patterns:])
+                    return placed[0]
+                placed = x, load.weights[patterns:].copy()
+                gradient, least = gradient - self.bodies.follow(load, x), np.inf
             solved, gradient = qp.relaxation(x, gradient, limits, 0.5 * aim)
             x = rows.follow(solved, rows.sliding(solved, bound))
             gradient = qp.relaxation.moved(x, solved, gradient)
-        return x
+        return best
 
     def _approximate(self, index, trace, d, x, bound, reduction, coupled=True, gradient=None):
         """Result of the QP with friction bounds `bound` from x, change of pressures and bounds."""

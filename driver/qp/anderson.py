@@ -15,7 +15,7 @@ class Anderson:
     """Anderson acceleration of a fixed-point map g -> map(g) (J. ACM 12 (1965) 547-560).
 
     `dot` is the global scalar product of two rank's parts; `depth` differences are combined, those
-    within `noise` of the others left out, and the part `damping` of the map's own change is taken.
+    within `noise` of the others or of the latest change left out, and the part `damping` of the map's own change is taken.
     """
 
     def __init__(self, dot: Callable[[np.ndarray, np.ndarray], float], depth: int = DEPTH,
@@ -34,9 +34,16 @@ class Anderson:
         if moves:
             gram = np.array([[self.dot(f, h) for _, h in moves] for _, f in moves])
             right = np.array([self.dot(f, self.changes[-1]) for _, f in moves])
-            share = np.linalg.lstsq(gram, right, rcond=self.noise**2)[0]
+            share = self._shares(gram, right)
             new = new - sum(s * (p + self.damping * f) for s, (p, f) in zip(share, moves))
         return new
+
+    def _shares(self, gram: np.ndarray, right: np.ndarray) -> np.ndarray:
+        """Of the differences in the latest change: least squares without those that say nothing."""
+        size, basis = np.linalg.eigh(gram)
+        largest = max(size[-1], self.dot(self.changes[-1], self.changes[-1]))
+        kept = size > self.noise**2 * largest
+        return basis[:, kept] @ ((basis[:, kept].T @ right) / size[kept])
 
 
 def gives_up(changes: list[float]) -> bool:

@@ -459,11 +459,16 @@ def test_rates_of_the_lame_cylinder(solved, scene, element, order):
 @pytest.mark.slow  # the finest has 5000 dofs
 @pytest.mark.parametrize("element", ["P1", "P2"])
 def test_rates_of_hertz_sphere(solved, element):
-    """The resultant for a given approach settles as fast as in the plane: about h with a/h nodes.
+    """The resultant for a given approach settles as in the plane: about by h with linear elements.
 
-    Against the next finer mesh; the closed form, of half-spaces, does not know this body.
+    With quadratic ones on curved sides within 1e-3 from the first mesh on, a/h = 7, and 1e-4 from
+    the second: then the mesh far from contact, which H leaves as it is, decides. Against the next
+    finer mesh; the closed form, of half-spaces, does not know this body.
     """
     forces = [solved("sphere", friction=0, steps=1, h=h, element=element)
               .summary["quantities"]["normal_resultant"] for h in (0.004, 0.002, 0.001, 0.0005)]
     changes = np.abs(np.diff(forces)) / forces[-1]
-    assert np.all(changes[1:] < 0.7 * changes[:-1]) and changes[-1] < 0.02
+    if element == "P1":
+        assert np.all(changes[1:] < 0.7 * changes[:-1]) and changes[-1] < 0.02
+    else:
+        assert changes[0] < 1e-3 and np.all(changes[1:] < 1e-4)

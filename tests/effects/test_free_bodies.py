@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from driver.qp import complementarity
 from driver.errors import NotConverged
-from driver.march import fixed_point as fixedpoint, globalization, quasistatic
+from driver.march import fixed_point as fixedpoint, globalization, tightening
 from driver.march.friction_qp import FrictionQP
 from driver.march.step import Unfinished
 from driver.qp.coulomb import CoulombProblem
@@ -292,7 +292,7 @@ def test_a_proof_that_no_states_solve_a_step_ends_it(built, steps_of, monkeypatc
 
     monkeypatch.setattr(fixedpoint.FixedPoint, "_accelerate", lambda *a: None)
     monkeypatch.setattr(globalization, "solve_condensed", proved)
-    monkeypatch.setattr(quasistatic, "NEARLY", np.inf)  # exacter QPs might settle any state
+    monkeypatch.setattr(tightening, "NEARLY", np.inf)  # exacter QPs might settle any state
     solver, _ = steps_of(problem, rtol=1e-11, friction_rtol=1e-9, uniqueness="no")
     assert solver.failure.exit_status == 3 and len(searched) == 1
 
@@ -308,6 +308,47 @@ def test_a_body_let_go_comes_to_rest(built, steps_of, tmp_path, cut):
     assert solver.failure is None
     largest = [np.abs(step.multipliers).max() for step in steps]
     assert largest[-1] <= 1e-6 * max(largest)  # what counts as rounding of a history
+
+
+DRAWN = """include "scene.idp"
+subdomains("4");
+quasistatic(1.);
+border a(t=0, 1) { x = 0.4*t; y = -0.0086*t; label = 1; }
+border b(t=0, 1) { x = 0.4 + 0.81*t; y = -0.0086 - 0.0175*t; label = 2; }
+border c(t=0, 1) { x = 1.21 + 0.14*t; y = -0.0261 + 0.7216*t; label = 11; }
+border d(t=0, 1) { x = 1.35 - 1.16*t; y = 0.6955 - 0.008*t; label = 21; }
+border e(t=0, 1) { x = 0.19 - 0.19*t; y = 0.6875 - 0.6875*t; label = 31; }
+body = buildmesh(a(2) + b(4) + c(4) + d(6) + e(4));
+macro young() 1. //
+macro poisson() 0.3 //
+macro support() on(21, u2 = 0.) //
+macro load1() traction(21, 6.45e-6, 3e-4) //
+macro load2() traction(11, 1e-4, -2.15e-6) //
+macro contact() 1, 2 //
+macro gap() -0.0002 //
+macro friction() 0.3 //
+macro amplitude1(t) t //
+macro amplitude2(t) 1. //
+include "export.idp"
+"""
+
+
+def test_a_drawn_body_stays_where_friction_holds_it(built, steps_of, tmp_path):
+    """Pressed between a roller and a slope and drawn along it: any cut finds the rest that is near.
+
+    Where friction was not yet known the body was moved until it had lost contact, and by a secant
+    1e14 further; some cuts then came to rest a long way off, or not at all.
+    """
+    path = tmp_path / "drawn.edp"
+    path.write_text(DRAWN)
+    forces = []
+    for cut in (1, 3, 7):
+        problem = built(scene=path, subdomains=cut, steps=2, element="P2")
+        solver, steps = steps_of(problem, rtol=1e-10, friction_rtol=1e-8)
+        assert solver.failure is None and not solver.history.fallbacks.steps
+        forces.append([np.sort(step.multipliers[solver.rows.normal])
+                       for step in steps])
+    np.testing.assert_allclose(forces, [forces[0]] * 3, rtol=1e-5)
 
 
 ALONG = """include "scene.idp"

@@ -37,6 +37,16 @@ def test_only_the_last_differences_count():
     np.testing.assert_allclose(last, g, rtol=1e-9)
 
 
+def test_a_difference_that_says_nothing_makes_no_step():
+    """A change that stays the same up to rounding: a secant through it would lead to 1e10."""
+    accelerated = Anderson(np.dot, 5, 1.0, 0.01)
+    accelerated.next(np.zeros(1), np.ones(1))
+    assert accelerated.next(np.ones(1), np.array([2.0 - 1e-10])) == pytest.approx(2.0)
+    # one that halves it is taken: the fixed point of 1 - g/2 + g
+    accelerated.next(np.zeros(1), np.ones(1))
+    assert accelerated.next(np.ones(1), np.array([1.5])) == pytest.approx(2.0)
+
+
 def test_it_goes_on_as_long_as_changes_are_halved():
     """Up to a limit; and for its patience where they are not."""
     halved = list(0.4 ** np.arange(LIMIT))
