@@ -15,7 +15,8 @@ class Anderson:
     """Anderson acceleration of a fixed-point map g -> map(g) (J. ACM 12 (1965) 547-560).
 
     `dot` is the global scalar product of two rank's parts; `depth` differences are combined, those
-    within `noise` of the others or of the latest change left out, and the part `damping` of the map's own change is taken.
+    within `noise` of the others or of the latest change left out, and the part `damping` of the
+    map's own change is taken.
     """
 
     def __init__(self, dot: Callable[[np.ndarray, np.ndarray], float], depth: int = DEPTH,
