@@ -15,6 +15,7 @@ from ..text import step_name
 from . import globalization
 from .condensation import Condensation
 from .friction_qp import FrictionQP
+from .increments import solved_by_increments
 from .slip import SlipState
 from .step import WINDOW, Load, Trace, Unfinished
 
@@ -293,7 +294,9 @@ class FixedPoint:
             if settled and (left <= 2 * qp.tol or idle >= IDLE):
                 self.history.fallbacks.note(method, index)
                 rows.coefficient = coefficient  # at which x balances: residuals say what it misses
-                return x, result.gradient, rows.sliding(x, bound)
+                x, gradient = solved_by_increments(qp, self.condensation, self.bodies, index, load,
+                                                   x, result.gradient, trace.iterations)
+                return x, gradient, rows.sliding(x, rows.friction_bound(x))
             aim = max(0.3 * aim, min(tol, max(FINEST * qp.scales.d, ROUNDINGS * qp.rounded(x))))
             if changes:
                 rows.coefficient = np.maximum(secants.next(coefficient, rows.coefficient), 0.0)

@@ -41,7 +41,7 @@ class Tightening:
         self.of_friction = self.of_qp
         self.motion, self.first = load.weights[self.operator.structure.patterns :].copy(), None
         self.best, self.answer = np.inf, None  # the worst residual over what was asked for, so far
-        self.rounded = None  # place and answer that a bound of rounding admits
+        self.rounded = None  # place and answer that a bound of rounding admits, and its scales
         # what ended the search for a fixed point, if products hide loads by rounding there; what
         # ended it before the condensed problem was tried
         self.stop, self.hidden, self.why = None, False, None
@@ -81,7 +81,7 @@ class Tightening:
         state = x, failed.gradient, self.rows.sliding(x, self.rows.friction_bound(x))
         self.answer = self._without_forces(x)
         if self.answer is None and self.rounded is not None and self._eliminates:
-            self.answer = self.fixed_point.back(self.load, *self.rounded)
+            self.answer = self._back_to_rounded()
         if self.answer is not None:
             return state
         imbalance = self.bodies.imbalance(self.load, x)
@@ -125,7 +125,8 @@ class Tightening:
         if self.operator.levels > 1 and worst < self.best:
             likely = residuals.of(load, x, gradient)
             if residuals.enough(likely):
-                self.rounded = self.fixed_point.place(load), (x, gradient, moved, likely)
+                self.rounded = (self.fixed_point.place(load), (x, gradient, moved, likely),
+                                vars(self.march.scales).copy())
         self.best = min(self.best, worst)
         stays = NotConverged(
             f"{step_name(self.index)}: the {name} residual stays at {found[name]:.1e}, above the "
@@ -155,7 +156,7 @@ class Tightening:
             self._eliminate(stop)
             return x, gradient, sliding
         if self.rounded is not None:
-            self.answer = self.fixed_point.back(self.load, *self.rounded)
+            self.answer = self._back_to_rounded()
             return x, gradient, sliding
         if isinstance(stop, NoSolution):
             raise Unfinished(stop, x, gradient)
@@ -166,6 +167,13 @@ class Tightening:
             raise Unfinished(stays, x, gradient)
         self._eliminate(None)
         return x, gradient, sliding
+
+    def _back_to_rounded(self) -> tuple:
+        """The answer that a bound of rounding admits; what decides at corners counts by that, too.
+        """
+        place, answer, scales = self.rounded
+        vars(self.march.scales).update(scales)
+        return self.fixed_point.back(self.load, place, answer)
 
     def _eliminate(self, why: DriverError | None) -> None:
         """Try the condensed problem, whose passes end where they lead no further; so its tolerance

@@ -278,10 +278,20 @@ def test_what_a_bound_of_rounding_admits_is_the_last_resort(later, taken):
             return x + 1.0, *others[:2]
         return find
 
+    judged, of = [], s.residuals.of
+
+    def residuals_of(*given, **kinds):
+        s.scales.renew(displacements=np.array([float(len(judged))]))
+        judged.append(of(*given, **kinds))
+        return judged[-1]
+
+    s.residuals.of = residuals_of
     s.corners.find, s.corners.condensed = way("find"), way("condensed")
     x, _, _, residuals = earned(s)
     assert x[2 * N :].tolist() == [1.0 * taken] * N  # gluing rows: no bounds cut them
     enough = later[-1] <= 1
+    # corners share forces, and slip is told from noise, by the scales with which it is admitted
+    assert s.scales.displacement == next(k for k, each in enumerate(judged) if each is residuals)
     assert residuals["cone"] == pytest.approx(later[-1] * 1e-4 if enough else 1e-5)
     assert s.rows.corners.acting.tolist() == [taken] * 2
     assert ways == ["find", "find", "condensed"][: 1 + len(later)]
