@@ -58,12 +58,9 @@ class FrictionQP:
         if self.relaxation is not None:
             self.relaxation.norm_bound = self.bound
 
-    def _softest(self) -> np.ndarray:
-        """(levels,) the smallest scale of all rows, then of those of every other level."""
-        softest = np.ones(self.operator.levels)
-        np.minimum.at(softest, self.operator.row_level, self.scale)
-        self.operator.comm.Allreduce(MPI.IN_PLACE, softest, op=MPI.MIN)
-        return np.append(softest.min(), softest[1:])
+    def _softest(self) -> float:
+        """The smallest scale of all rows; collective."""
+        return self.operator.minimum(float(self.scale.min(initial=1.0)))
 
     def _bound_norm(self) -> float:
         """Upper bound of the scaled ||F||; the same random start vector for any number of ranks."""
@@ -110,6 +107,14 @@ class FrictionQP:
     def rounded(self, x: np.ndarray) -> float:
         """What a product F x rounds off, in the same scale: 3 x, whose digits differ, shows it."""
         return self.size(self.operator.apply(x) - self.operator.apply(3 * x) / 3)
+
+    def rounded_by_level(self, x: np.ndarray) -> np.ndarray:
+        """(levels,) what a product F x rounds off at most on a row of every level; collective."""
+        op = self.operator
+        off, largest = np.abs(op.apply(x) - op.apply(3 * x) / 3), np.zeros(op.levels)
+        np.maximum.at(largest, op.row_level, off)
+        op.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
+        return largest
 
     def hides(self, x: np.ndarray) -> bool:
         """Whether what a product with the forces x rounds off is beyond the tolerance of a step."""

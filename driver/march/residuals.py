@@ -10,7 +10,7 @@ from .slip import SlipState
 from .step import Load
 
 CANCELLED = 1e-8  # part of the extent below which deformation is rounding: contact takes the loads
-ROUNDED = 3e-14  # of what multipliers move, ||F|| ||x||: a hundred roundings, as exact as it gets
+ROUNDINGS = 4.0  # times what one product rounds off on a row: others may round off as much
 TRAVELLED = 1e-9  # part of what bodies move as a whole, likewise
 
 
@@ -75,14 +75,14 @@ class Residuals:
         """KKT residuals of the state with multipliers x and their gradient.
 
         Relative to a lower bound of the deformation if they are small even so, to the deformation
-        itself, which takes the fields of all subdomains, else. Where stiffness jumps, what soft
-        parts may move by rounding is no less than what is asked for of stiff ones, unless `exact`:
-        that of forces, or of a product as it comes, whose terms may be larger than their sum.
+        itself, which takes the fields of all subdomains, else. Where stiffness jumps, what products
+        round off on stiff rows, measured, is no less than what is asked for, unless `exact`: terms
+        of such products may be larger than their sum.
         """
         op, others = self.operator, {"stationarity": self._missing(x, gradient)}
         if op.modes:
             others["equilibrium"] = self.bodies.imbalance(load, x)
-        missed, least = self._changing(x, gradient), self._least_deformation(load, x, exact)
+        missed, least = self._changing(x, gradient), self._least_deformation(load)
         # what decides whether a corner touches both sides must not depend on the cut
         whole = op.modes or op.levels > 1 or self.rows.corners is not None
         quick = () if whole else (op.least_deformation,)
@@ -91,8 +91,9 @@ class Residuals:
             kkt = self._kkt(x, gradient, deformations, least, missed)
             if self.enough(kkt):
                 break
-        if op.levels > 1 and not exact and not self.enough(kkt):  # products round off more?
-            least[1:] = np.maximum(least[1:], self._moved_by(self.qp.rounded(x)))
+        if op.levels > 1 and not exact and not self.enough(kkt):
+            rounded = ROUNDINGS * self.qp.rounded_by_level(x)
+            least[1:] = np.maximum(least[1:], rounded[1:] / self.asked("penetration"))
             kkt = self._kkt(x, gradient, deformations, least, missed)
         return others | kkt
 
@@ -107,16 +108,11 @@ class Residuals:
             kkt["cone"] = max(kkt["cone"], missed / self.scales.force)
         return kkt
 
-    def _moved_by(self, rounded: float) -> np.ndarray:
-        """(levels - 1,) deformations of stiff parts of which `rounded` is what may be missed."""
-        return rounded / self.qp.softest[1:] / self.asked("penetration")
-
-    def _least_deformation(self, load: Load, x: np.ndarray, exact: bool) -> np.ndarray:
+    def _least_deformation(self, load: Load) -> np.ndarray:
         """(levels,) deformation below which displacements are rounding; collective."""
         way = -self.operator.minimum(-max(load.travel, load.farthest))
-        least = np.full(self.operator.levels, CANCELLED * load.extent / self.qp.softest[0])
-        if len(least) > 1:
-            least[1:] = self._moved_by(0.0 if exact else ROUNDED * self.qp.largest(x))
+        least = np.zeros(self.operator.levels)
+        least[0] = CANCELLED * load.extent / self.qp.softest
         return np.maximum(least, TRAVELLED * way)
 
     def _changing(self, x: np.ndarray, gradient: np.ndarray) -> float:

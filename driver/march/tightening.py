@@ -5,7 +5,7 @@ those of the solution (without gluing the body would hang on its corners). So bo
 until the residuals of the solution itself are below `primal_rtol` and the imbalance of free bodies
 below `friction_rtol`. Where that leads no further the condensed problem is tried: elimination keeps
 digits that products lose where stiffness jumps or friction jams. Last comes the best state that
-will do if as much is rounding as a bound says.
+will do if as much is rounding as products show.
 """
 
 import numpy as np
@@ -41,7 +41,7 @@ class Tightening:
         self.of_friction = self.of_qp
         self.motion, self.first = load.weights[self.operator.structure.patterns :].copy(), None
         self.best, self.answer = np.inf, None  # the worst residual over what was asked for, so far
-        self.rounded = None  # place and answer that a bound of rounding admits, and its scales
+        self.rounded = None  # place and answer that what products round off admits, and its scales
         # what ended the search for a fixed point, if products hide loads by rounding there; what
         # ended it before the condensed problem was tried
         self.stop, self.hidden, self.why = None, False, None
@@ -169,7 +169,7 @@ class Tightening:
         return x, gradient, sliding
 
     def _back_to_rounded(self) -> tuple:
-        """The answer that a bound of rounding admits; what decides at corners counts by that, too.
+        """The answer that rounding of products admits; corners are decided by its scales, too.
         """
         place, answer, scales = self.rounded
         vars(self.march.scales).update(scales)
