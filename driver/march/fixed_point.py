@@ -7,15 +7,14 @@ the same iterations.
 
 import numpy as np
 
-from ..errors import NoSolution, NotConverged
+from ..errors import NotConverged
 from ..qp.anderson import Anderson, gives_up
-from ..qp.coefficients import consistent
 from ..qp.mprgp import projected_gradient
 from ..text import step_name
 from . import globalization
 from .condensation import Condensation
+from .elimination import Elimination, without_solution
 from .friction_qp import FrictionQP
-from .increments import solved_by_increments
 from .slip import SlipState
 from .step import WINDOW, Load, Trace, Unfinished
 
@@ -25,12 +24,8 @@ CORRECTIONS = 30  # friction bounds in the contact problem with F_cc, at most
 CORRECTION = 0.1  # its residual, relative to the whole one before
 BALANCED = 0.1  # its imbalance of bodies without support, relative to the one before
 HEADWAY = 1.0  # growth of this imbalance in a QP above which the corrector moves them no more
-CONDENSED_PASSES = 30  # corrections of a solution of the condensed contact problem
-IDLE = 4  # of them that do not halve what it leaves: rounding, and residuals say whether it will do
+MANY = 200  # products of a search that are not many, however few unknowns it has
 ASTRAY = 1e6  # growth of multipliers after which they are no start: their rounding hides the loads
-LAW_SECANTS = 10  # of friction coefficients that slip changes, combined there
-# tolerance of the gluing multipliers there, relative to ||d|| and to what a product rounds off
-FINEST, ROUNDINGS = 1e-13, 10.0
 
 
 class FixedPoint:
@@ -42,6 +37,7 @@ class FixedPoint:
         self.operator, self.rows = qp.operator, qp.rows
         self.settings, self.history = qp.settings, qp.history
         coupled = len(self.rows.tangential) > 0 and not self.rows.bound_is_given
+        self.elimination = Elimination(qp, bodies, slip, condensation)
         self.corrects_motion, self.rtol = False, self.settings.friction_rtol
         self.coupled = bool(self.operator.comm.allreduce(int(coupled)))
 
@@ -59,6 +55,7 @@ class FixedPoint:
         self.corrects_motion = free = self.operator.modes > 0
         secants, last, before = self.bodies.secants(), np.inf, trace.iterations
         first, motion = x, load.weights[self.operator.structure.patterns :].copy()
+        products, eliminates = self.operator.products, self.elimination.stiff
         while not trace.fallback:
             trace.iterations += 1
             start, gradient = self._start(load, x, gradient, sliding)
@@ -85,6 +82,11 @@ class FixedPoint:
                 error = NotConverged(f"{step_name(index)}: no fixed point of the friction bound in "
                                      f"{trace.iterations} iterations")
                 raise Unfinished(error, x, gradient)
+            if eliminates and self.operator.products - products > self._exhausting:
+                eliminates = False
+                solution = self._eliminated(index, load, x, trace)
+                if solution is not None:
+                    return solution
             if loose > self.rtol and change <= SETTLING * self._norm(x[rows.normal]):
                 # before, friction is too far off to say where to
                 gradient = gradient - self.bodies.lead(load, x, secants)
@@ -195,7 +197,7 @@ class FixedPoint:
         Each starts with bodies moved by `motion` (modes,).
         """
         patterns = self.operator.structure.patterns
-        for method in (self._accelerate, self._condense):
+        for method in (self._accelerate, self._eliminate):
             failed = solution = None
             # those before may have left bodies far away, whose rounding hides small forces
             self.bodies.shift(load, motion - load.weights[patterns:])
@@ -220,22 +222,34 @@ class FixedPoint:
         from displacements of many digits less, by elimination with as many digits as there are.
         """
         self.rtol = rtol
-        try:
-            solution = self._condense(index, load, x, trace)
-        except Unfinished:
-            solution = None
+        solution = self._eliminated(index, load, x, trace)
         if solution is None:
             raise failure or self._without_solution(index, load, x)
         return solution
 
-    def _without_solution(self, index: int, load: Load, x, final: bool = False) -> Unfinished:
-        """What ends a step in which x is the latest of no solution; `final`: there is none."""
-        unbalanced = self.bodies.imbalance(load, x) > self.rtol
-        why = self.bodies.why_unbalanced(load, x) if unbalanced else (
-            "the fixed point for the friction bound does not contract, and no other method found "
-            "a solution; the friction coefficient is beyond the range of a unique one")
-        return Unfinished(NoSolution(f"{step_name(index)}: {why}"), x,
-                          self.operator.apply(x) - load.d, final)
+    def _eliminate(self, index: int, load: Load, x, trace: Trace):
+        """As `find`, by the condensed problem; None if it fails. Raises Unfinished."""
+        return self.elimination.solution(index, load, x, trace, self.rtol)
+
+    def _eliminated(self, index: int, load: Load, x, trace: Trace):
+        """As `_eliminate`. Raises Unfinished only where it has shown that there is no solution."""
+        try:
+            return self._eliminate(index, load, x, trace)
+        except Unfinished as failure:
+            if failure.final:
+                raise
+            return None
+
+    def _without_solution(self, index: int, load: Load, x) -> Unfinished:
+        return without_solution(self.qp, self.bodies, index, load, x, self.rtol)
+
+    @property
+    def _exhausting(self) -> int:
+        """Products of a search from which elimination is tried where stiffness jumps.
+
+        Conjugate gradients are done with a face after as many as it has unknowns, but for rounding.
+        """
+        return max(MANY, 2 * self.operator.structure.dual_dofs)
 
     def _accelerate(self, index: int, load: Load, x, trace: Trace):
         """Anderson acceleration of friction bounds and of motions, as forces of their springs.
@@ -262,92 +276,6 @@ class FixedPoint:
             point = method.next(np.append(bound, point[j :]),
                                 np.append(rows.friction_bound(x), point[j :] + net))
         return None
-
-    def _condense(self, index: int, load: Load, x, trace: Trace):
-        """The condensed contact problem, corrected until it solves the whole; None if it fails.
-
-        Every pass solves for the gluing multipliers with the contact multipliers fixed. The
-        residual on the contact rows then makes the load of the condensed problem exact for the next
-        pass. The gluing rows' own residual comes back on the contact rows, many times as large:
-        they are solved the more accurately the longer that takes.
-        """
-        if self.condensation.n > globalization.CONDENSED_NODES:
-            return None
-        rows, qp, method, tol = self.rows, self.qp, globalization.NEWTON, self.qp.tol
-        secants, aim = Anderson(self._tangential_dot, LAW_SECANTS, 1.0), tol
-        idle, best = 0, np.inf
-        changes = self.slip.effects.coefficient_changes
-        for _ in range(CONDENSED_PASSES):
-            trace.iterations += 1
-            bound, coefficient = rows.friction_bound(x), rows.coefficient
-            qp.tol = aim
-            result = qp.solve(index, trace.iterations, load.d, self.condensation.fixing(x), x, 0.0)
-            qp.tol = tol
-            x = result.x
-            self.slip.renew_coefficient(result.gradient)
-            change = self._norm(rows.friction_bound(x) - bound, tangential=True)
-            residual = projected_gradient(x, result.gradient, *rows.limits_at(len(x), bound))
-            settled = (change <= self.rtol * self._norm(x[rows.normal])
-                       and self.bodies.imbalance(load, x) <= self.rtol)
-            left = qp.size(residual)  # of which the gluing rows alone may have tol
-            idle, best = idle + 1 if settled and left > 0.5 * best else 0, min(best, left)
-            if settled and (left <= 2 * qp.tol or idle >= IDLE):
-                self.history.fallbacks.note(method, index)
-                rows.coefficient = coefficient  # at which x balances: residuals say what it misses
-                x, gradient = solved_by_increments(qp, self.condensation, self.bodies, index, load,
-                                                   x, result.gradient, trace.iterations)
-                return x, gradient, rows.sliding(x, rows.friction_bound(x))
-            aim = max(0.3 * aim, min(tol, max(FINEST * qp.scales.d, ROUNDINGS * qp.rounded(x))))
-            if changes:
-                rows.coefficient = np.maximum(secants.next(coefficient, rows.coefficient), 0.0)
-            solution, solver = self._solved_for(load, x, result.gradient)
-            if solution is None:
-                if solver == globalization.NO_STATE and not changes and rows.corners is None:
-                    raise self._without_solution(index, load, x, final=True)
-                return None
-            method = method if solver == globalization.NEWTON else solver
-            x = self.condensation.place(solution[: self.condensation.size], x)
-            self.bodies.shift(load, solution[self.condensation.size :])
-        return None
-
-    def _solved_for(self, load: Load, x, gradient) -> tuple[np.ndarray | None, str]:
-        """A solution of the condensed problem at x and its `gradient`, and the method; or None.
-
-        Bodies that ran away have slipped so far that friction by a law of slip holds them no more:
-        where nothing solves the problem, friction is that of nodes that do not slide.
-        """
-        for _ in range(2):
-            try:
-                problem = self.condensation.problem(load, x, gradient)
-            except NotConverged:
-                return None, ""
-            start = problem.whole(self.condensation.gather(x))
-            solution, solver = globalization.solve_condensed(problem, start)
-            if not self.slip.effects.coefficient_changes:
-                break  # friction is what it is
-            if solution is not None:
-                return self._with_own_slip(problem, solution), solver
-            self.slip.renew_coefficient(np.zeros_like(gradient))
-        return solution, solver
-
-    def _with_own_slip(self, problem, solution: np.ndarray) -> np.ndarray:
-        """The solution near this one with the coefficients of its own slip, which `rows` take.
-
-        The same one, with the same coefficients, where none is found.
-        """
-        known = self.rows.coefficient
-
-        def law(slip: np.ndarray) -> np.ndarray:
-            gradient = np.zeros(self.operator.owned)
-            whole = self.condensation.place(np.append(np.zeros(problem.n), -slip), gradient)
-            self.slip.renew_coefficient(whole)
-            return self.condensation.of_tangential(self.rows.coefficient)
-
-        own = consistent(problem, solution, law)
-        if own is None:
-            self.rows.coefficient = known
-            return solution
-        return own
 
     # ---- norms of values on contact rows -------------------------------------------------------
     def _on(self, rows: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -208,5 +208,6 @@ class FrictionQP:
         if result.status != "converged":
             kind = NoSolution if result.status == "indefinite operator" else NotConverged
             error = kind(f"{step_name(index)}: MPRGP ended with '{result.status}': {result.reason}")
-            raise Unfinished(error, result.x, result.gradient)
+            raise Unfinished(error, result.x, result.gradient,
+                             stagnated=result.status == "stagnated")
         return result

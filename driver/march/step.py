@@ -107,13 +107,14 @@ class StepFailed(DriverError):
 class Unfinished(Exception):
     """A step fails with `error`; the latest multipliers `x` and their `gradient`.
 
-    `final`: whatever their residuals say, they are no solution.
+    `final`: whatever their residuals say, they are no solution. `stagnated`: rounding ended a QP.
     """
 
     def __init__(self, error: DriverError, x: np.ndarray, gradient: np.ndarray,
-                 final: bool = False):
+                 final: bool = False, stagnated: bool = False):
         super().__init__(str(error))
-        self.error, self.x, self.gradient, self.final = error, x, gradient, final
+        self.error, self.x, self.gradient = error, x, gradient
+        self.final, self.stagnated = final, stagnated
 
 
 @dataclass

@@ -55,9 +55,10 @@ class Dense:
         return value
 
 
-def parts(seed=1, friction=0.3, offset=None, **settings) -> SimpleNamespace:
+def parts(seed=1, friction=0.3, offset=None, levels=1, **settings) -> SimpleNamespace:
     """A fixed point, its QP and condensed problem, by a dense matrix."""
     operator, node = Dense(matrix(seed)), np.arange(N)
+    operator.levels = levels
     rows = ContactRows(node, node, np.zeros(N), N + node, node, node,
                        None if friction is None else np.full(N, friction),
                        None if offset is None else np.full(N, offset), 2 * N + node,
@@ -158,7 +159,7 @@ def test_without_any_method_a_step_has_no_solution(monkeypatch):
     of = parts(1, 4.0, **TIGHT)
     load = load_of(of, 1)
     monkeypatch.setattr(of.fixed, "_accelerate", lambda *_: None)
-    monkeypatch.setattr(of.fixed, "_condense", lambda *_: None)
+    monkeypatch.setattr(of.fixed, "_eliminate", lambda *_: None)
     with pytest.raises(Unfinished) as stop:
         of.fixed._globalise(4, load, np.zeros(3 * N), np.zeros(0), Trace())
     assert isinstance(stop.value.error, NoSolution) and not stop.value.final

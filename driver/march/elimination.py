@@ -1,0 +1,227 @@
+"""A step by its condensed contact problem, corrected until it solves the whole.
+
+Every pass solves the contact rows, condensed, for the residual that they have at the present
+multipliers x, whatever the gluing rows miss there; then the gluing multipliers follow. The change
+y_c of the contact multipliers asks for
+
+    F_gg y_g = -F_gc y_c,
+
+which is solved to digits of the change, not of x: iterative refinement (N. Higham, Accuracy and
+Stability of Numerical Algorithms, SIAM 2002, chapter 12). Where stiffness jumps, what products
+round off on gluing rows between soft parts may be more than stiff parts deform by. Gluing
+multipliers found anew leave another such residual every time, which comes back on the contact rows;
+beside one that stays where it is they are solved to all the digits that they have themselves.
+"""
+
+import numpy as np
+
+from ..errors import NoSolution, NotConverged
+from ..qp.anderson import Anderson
+from ..qp.coefficients import consistent
+from ..qp.mprgp import projected_gradient
+from ..text import step_name
+from . import globalization
+from .step import Load, Trace, Unfinished
+
+PASSES = 30  # corrections of a solution of the condensed contact problem
+HALF = 0.5  # of what it misses, which a correction leaves at most
+IDLE = 4  # corrections that leave more: rounding, and residuals say whether it will do
+DIGITS = 1e-3  # of a change, which gluing multipliers answer to, ...
+SHARE = 0.3  # ... or this part of the tolerance, if that is less, ...
+FINEST = 1e-13  # ... but no less than this part of the change
+LAW_SECANTS = 10  # of friction coefficients that slip changes, combined
+
+
+class Elimination:
+    """Steps of one problem by its contact rows, condensed. Collective."""
+
+    def __init__(self, qp, bodies, slip, condensation):
+        """As FixedPoint takes them."""
+        self.qp, self.bodies, self.slip, self.condensation = qp, bodies, slip, condensation
+        self.operator, self.rows = qp.operator, qp.rows
+        self.stiff = self.operator.levels > 1 and not self.operator.contact_rows_only
+
+    def solution(self, index: int, load: Load, x: np.ndarray, trace: Trace, rtol: float):
+        """Multipliers near x that solve the step, their gradient and the rows that slide.
+
+        None if it fails; then bodies are where they were. `rtol` is the relative change of friction
+        bounds, and the imbalance of bodies, to be reached. Raises Unfinished, `final` where a
+        search has shown that there is no solution.
+        """
+        if self.condensation.n > globalization.CONDENSED_NODES:
+            return None
+        motion = self._motion(load)
+        try:
+            answer = self._search(index, load, x, trace, rtol)
+        except Unfinished as failure:
+            if not failure.final:
+                self._shift(load, motion)
+            raise
+        if answer is None:
+            self._shift(load, motion)
+            return None
+        x, gradient, self.rows.coefficient, motion = answer
+        self._shift(load, motion)
+        return x, gradient, self.rows.sliding(x, self.rows.friction_bound(x))
+
+    def _search(self, index: int, load: Load, x, trace: Trace, rtol: float) -> tuple | None:
+        """Multipliers, gradient, friction coefficients and motions of a solution, or None."""
+        rows, changes = self.rows, self.slip.effects.coefficient_changes
+        secants, method = Anderson(self._dot, LAW_SECANTS, 1.0), globalization.NEWTON
+        best, idle, answer = np.inf, 0, None
+        x, gradient = self._glued(index, load, x, trace)
+        for _ in range(PASSES):
+            coefficient, bound = rows.coefficient, rows.friction_bound(x)
+            self.slip.renew_coefficient(gradient)
+            settled = self._settled(load, x, rows.friction_bound(x) - bound, rtol)
+            whole, missed = self._missed(x, gradient, bound)
+            idle = idle + 1 if settled and missed > HALF * best else 0
+            if settled and (answer is None or missed < best):
+                answer = x, gradient, coefficient, self._motion(load)
+            best = min(best, missed)
+            if settled and self._ends(whole, missed, idle):
+                self.qp.history.fallbacks.note(method, index)
+                return answer
+            if changes:
+                rows.coefficient = np.maximum(secants.next(coefficient, rows.coefficient), 0.0)
+            found, solver = self._solved_for(load, x, gradient)
+            if found is None:
+                if solver == globalization.NO_STATE and not changes and rows.corners is None:
+                    raise without_solution(self.qp, self.bodies, index, load, x, rtol, final=True)
+                return None
+            method = method if solver == globalization.NEWTON else solver
+            x, gradient = self._followed(index, load, x, found, trace)
+        return None
+
+    # ---- one pass --------------------------------------------------------------------------------
+    def _settled(self, load: Load, x, change: np.ndarray, rtol: float) -> bool:
+        """Whether friction bounds (j,) and bodies change no more."""
+        pressing = self._norm(self.rows.normal, x[self.rows.normal])
+        return (self._norm(self.rows.tangential, change) <= rtol * pressing
+                and self.bodies.imbalance(load, x) <= rtol)
+
+    def _missed(self, x, gradient, bound: np.ndarray) -> tuple[float, float]:
+        """Sizes of the projected gradient under friction bounds (j,): of all rows, and that by
+        which passes are judged, where stiffness jumps that of the contact rows.
+        """
+        residual = projected_gradient(x, gradient, *self.rows.limits_at(len(x), bound))
+        whole = self.qp.size(residual)
+        if not self.stiff:
+            return whole, whole
+        residual[self.rows.gluing] = 0.0
+        return whole, self.qp.size(residual)
+
+    def _ends(self, whole: float, missed: float, idle: int) -> bool:
+        """Whether no more passes are made: contact rows between stiff parts get all digits."""
+        enough = whole <= 2 * self.qp.tol  # of which the gluing rows alone may have tol
+        return missed == 0 or idle >= IDLE or enough and (idle > 0 or not self.stiff)
+
+    def _glued(self, index: int, load: Load, x, trace: Trace) -> tuple[np.ndarray, np.ndarray]:
+        """x with the gluing multipliers that its contact multipliers ask for, and its gradient."""
+        trace.iterations += 1
+        fixed = self.condensation.fixing(x)
+        return self._solved(index, trace.iterations, load.d, fixed, x, None)
+
+    def _followed(self, index: int, load: Load, x, found: np.ndarray, trace: Trace):
+        """x changed to what is `found` on the contact rows, and its gradient; bodies move on."""
+        trace.iterations += 1
+        op, qp, size, tol = self.operator, self.qp, self.condensation.size, self.qp.tol
+        change = self.condensation.place(found[:size], x) - x
+        moved = op.apply(change)
+        pushed = np.zeros_like(moved)
+        pushed[self.rows.gluing] = moved[self.rows.gluing]
+        pushed = qp.size(pushed)
+        qp.tol = max(min(DIGITS * pushed, SHARE * tol), FINEST * pushed)
+        try:
+            change, _ = self._solved(index, trace.iterations, np.zeros_like(x),
+                                     self.condensation.fixing(change), change, moved)
+        finally:
+            qp.tol = tol
+        self.bodies.shift(load, found[size:])
+        x = x + change
+        return x, op.apply(x) - load.d
+
+    def _solved(self, index: int, iteration: int, d, limits, x, gradient):
+        """Solution of a QP and its gradient; where stiffness jumps, as far as products go."""
+        try:
+            result = self.qp.solve(index, iteration, d, limits, x, 0.0, gradient)
+        except Unfinished as failure:
+            if not (self.stiff and failure.stagnated):
+                raise
+            result = failure
+        return result.x, result.gradient
+
+    # ---- the condensed problem -------------------------------------------------------------------
+    def _solved_for(self, load: Load, x, gradient) -> tuple[np.ndarray | None, str]:
+        """A solution of the condensed problem at x and its `gradient`, and the method; or None.
+
+        Bodies that ran away have slipped so far that friction by a law of slip holds them no more:
+        where nothing solves the problem, friction is that of nodes that do not slide.
+        """
+        for _ in range(2):
+            try:
+                problem = self.condensation.problem(load, x, gradient)
+            except NotConverged:
+                return None, ""
+            start = problem.whole(self.condensation.gather(x))
+            solution, solver = globalization.solve_condensed(problem, start)
+            if not self.slip.effects.coefficient_changes:
+                break  # friction is what it is
+            if solution is not None:
+                return self._with_own_slip(problem, solution), solver
+            self.slip.renew_coefficient(np.zeros_like(gradient))
+        return solution, solver
+
+    def _with_own_slip(self, problem, solution: np.ndarray) -> np.ndarray:
+        """The solution near this one with the coefficients of its own slip, which `rows` take.
+
+        The same one, with the same coefficients, where none is found.
+        """
+        known = self.rows.coefficient
+
+        def law(slip: np.ndarray) -> np.ndarray:
+            gradient = np.zeros(self.operator.owned)
+            whole = self.condensation.place(np.append(np.zeros(problem.n), -slip), gradient)
+            self.slip.renew_coefficient(whole)
+            return self.condensation.of_tangential(self.rows.coefficient)
+
+        own = consistent(problem, solution, law)
+        if own is None:
+            self.rows.coefficient = known
+            return solution
+        return own
+
+    # ---- bodies and norms ------------------------------------------------------------------------
+    def _motion(self, load: Load) -> np.ndarray:
+        """(modes,) where bodies without support are."""
+        return load.weights[self.operator.structure.patterns :].copy()
+
+    def _shift(self, load: Load, motion: np.ndarray) -> None:
+        """Move bodies to `motion` (modes,)."""
+        self.bodies.shift(load, motion - self._motion(load))
+
+    def _norm(self, rows: np.ndarray, values: np.ndarray) -> float:
+        """Euclidean norm of `values` on `rows`."""
+        full = np.zeros(self.operator.owned)
+        full[rows] = values
+        return np.sqrt(self.operator.dot(full, full))
+
+    def _dot(self, a: np.ndarray, b: np.ndarray) -> float:
+        """Scalar product of values on the tangential rows."""
+        full = np.zeros((2, self.operator.owned))
+        full[:, self.rows.tangential] = a, b
+        return self.operator.dot(*full)
+
+
+def without_solution(qp, bodies, index: int, load: Load, x: np.ndarray, rtol: float,
+                     final: bool = False) -> Unfinished:
+    """What ends a step in which x is the latest of no solution; `final`: there is none.
+
+    `rtol` is the imbalance of bodies that counts as none. Collective.
+    """
+    unbalanced = bodies.imbalance(load, x) > rtol
+    why = bodies.why_unbalanced(load, x) if unbalanced else (
+        "the fixed point for the friction bound does not contract, and no other method found "
+        "a solution; the friction coefficient is beyond the range of a unique one")
+    return Unfinished(NoSolution(f"{step_name(index)}: {why}"), x,
+                      qp.operator.apply(x) - load.d, final)

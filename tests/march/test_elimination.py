@@ -1,0 +1,107 @@
+"""Steps by their condensed contact rows, beside what products round off on gluing rows."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from driver.errors import NotConverged
+from driver.march import elimination, fixed_point
+from driver.march.step import Trace, Unfinished
+from test_dense_steps import N, TIGHT, load_of, parts, solves
+
+NOISE = 1e-7  # part of displacements that products round off on gluing rows
+
+
+def noisy(seed: int):
+    """A dense problem whose products are off by NOISE on gluing rows, each time otherwise.
+
+    And its products without that.
+    """
+    of, draw = parts(seed, levels=2, **TIGHT), np.random.default_rng(seed)
+    product = of.operator.apply
+
+    def apply(x: np.ndarray) -> np.ndarray:
+        y = product(x)
+        y[2 * N :] += NOISE * np.linalg.norm(y) * draw.standard_normal(N)
+        return y
+
+    of.operator.apply = apply
+    return of, product
+
+
+def natural(of, product, load, x: np.ndarray) -> np.ndarray:
+    """Natural residuals of contact and friction at x, relative to the load."""
+    move, bound = load.d - product(x), of.rows.friction_bound(x)
+    n, t = x[:N], x[N : 2 * N]
+    return np.append(n - np.maximum(n + move[:N], 0.0),
+                     t - np.clip(t + move[N : 2 * N], -bound, bound)) / np.linalg.norm(load.d)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+def test_contact_rows_keep_digits_that_gluing_rows_lose(seed):
+    """Products tell gluing rows to NOISE: they miss as much, QPs end there, and contact rows, which
+    feel it as much, are solved beside it, to a part DIGITS of it and better.
+    """
+    of, product = noisy(seed)
+    load, zero = load_of(of), np.zeros(3 * N)
+    of.qp.tol = 10 * NOISE * np.linalg.norm(load.d)
+    x, gradient, _ = of.fixed.condensed(1, load, zero, -load.d, np.zeros(N), Trace(), 1e-9)
+    glued = np.abs((load.d - product(x))[2 * N :]).max() / np.linalg.norm(load.d)
+    assert 1e-3 * NOISE < glued < 100 * NOISE
+    assert np.abs(natural(of, product, load, x)).max() < elimination.DIGITS * NOISE
+    np.testing.assert_allclose(gradient[: 2 * N], (product(x) - load.d)[: 2 * N], atol=1e-12)
+
+
+@pytest.mark.parametrize("stiff", [False, True])
+def test_rounding_that_ends_a_qp_ends_no_elimination_of_stiff_parts(stiff):
+    """Where stiffness jumps residuals judge what is left; elsewhere it is no solution."""
+    of = parts(1, levels=1 + stiff, **TIGHT)
+    load, solve = load_of(of), of.qp.solve
+
+    def stagnates(*given):
+        result = solve(*given)
+        raise Unfinished(NotConverged("MPRGP stagnated"), result.x, result.gradient,
+                         stagnated=True)
+
+    of.qp.solve = stagnates
+    given = 1, load, np.zeros(3 * N), Trace(), 1e-9
+    if stiff:
+        assert solves(of, load, of.fixed.elimination.solution(*given)[0])
+        return
+    with pytest.raises(Unfinished, match="stagnated"):
+        of.fixed.elimination.solution(*given)
+
+
+@pytest.mark.parametrize("fails", ["none", "raises"])
+def test_bodies_are_where_they_were_after_a_search_that_failed(fails, monkeypatch):
+    of = parts(1, **TIGHT)
+    load, moved = load_of(of), []
+    of.operator.structure.patterns, load.weights = 1, np.array([1.0, 5.0])
+
+    def search(index, load, *_):
+        load.weights = np.array([1.0, 7.0])
+        if fails == "raises":
+            raise Unfinished(NotConverged("lost"), None, None)
+
+    of.fixed.elimination.bodies = SimpleNamespace(
+        shift=lambda load, change: moved.extend(change.tolist()))
+    monkeypatch.setattr(of.fixed.elimination, "_search", search)
+    assert of.fixed._eliminated(1, load, np.zeros(3 * N), Trace()) is None
+    assert moved == [-2.0]
+
+
+@pytest.mark.parametrize("levels, many, eliminates", [
+    (2, 1, True), (2, 10**6, False), (1, 1, False)])
+def test_a_search_of_more_products_than_unknowns_is_eliminated(levels, many, eliminates,
+                                                               monkeypatch):
+    """Where stiffness jumps: conjugate gradients end with the unknowns, but for rounding."""
+    monkeypatch.setattr(fixed_point, "MANY", many)
+    of, tried = parts(1, 0.5, levels=levels, inner_rtol=1e-12, **TIGHT), []
+    solution = of.fixed.elimination.solution
+    of.fixed.elimination.solution = lambda *given: tried.append(of.operator.products) or (
+        solution(*given))
+    load = load_of(of)
+    x, _, _ = of.fixed.find(1, load, np.zeros(3 * N), -load.d, np.zeros(N), Trace(), 1e-9)
+    assert solves(of, load, x)
+    assert len(tried) == eliminates and all(products > 2 * 3 * N for products in tried)
