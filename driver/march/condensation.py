@@ -18,8 +18,9 @@ from .step import Load
 class Condensation:
     """Contact rows in the order of the contact nodes, normal ones first, and their compliance.
 
-    Without those that the states of corners exclude: `nodes` (n,) have a normal row. `guess` is a
-    dual vector near the solution of the first step. Collective.
+    Without those that the states of corners exclude: `nodes` (n,) have a normal row. Where a corner
+    is open on both sides and rubs, its normal rows stay, alone and open: `apart` are their places.
+    `guess` is a dual vector near the solution of the first step. Collective.
     """
 
     operator: DualProblem
@@ -35,14 +36,17 @@ class Condensation:
         structure, corners = self.operator.structure, self.rows.corners
         contact, (first, last) = structure.contact, structure.row_range
         rows = [contact.normal_row >= 0, contact.tangential_row >= 0]
+        apart = np.zeros(len(contact.gid), bool)
         if corners is not None:
             known = np.concatenate(rows)
             rows = [have & acts for have, acts in zip(rows, corners.act(len(contact.gid)))]
+            apart = rows[1] & ~rows[0]
+            rows[0] = rows[0] | apart
             self._acting = np.concatenate(rows)[known]
         self.nodes, tangential = map(np.flatnonzero, rows)
+        self.apart = np.flatnonzero(apart[self.nodes])
         self._rubbing = np.isin(self.rows.tangential_node, tangential)  # of the rank's rows
         self.pair = np.searchsorted(self.nodes, tangential)
-        self.unpaired = not np.isin(tangential, self.nodes).all()
         self.n, self.m = len(self.nodes), len(tangential)
         number = np.concatenate([contact.normal_row[self.nodes],
                                  contact.tangential_row[tangential]])
@@ -94,6 +98,9 @@ class Condensation:
                 self._selected = self._compliance + np.diag(every[numbers])
             if self.rows.corners is not None:
                 self._selected = self._selected[np.ix_(self._acting, self._acting)]
+            own = self._selected[self.apart, self.apart]
+            self._selected[self.apart] = self._selected[:, self.apart] = 0.0
+            self._selected[self.apart, self.apart] = own
         return self._selected
 
     def solution(self, load: Load, x, gradient, sliding) -> tuple[np.ndarray, np.ndarray] | None:
@@ -103,15 +110,14 @@ class Condensation:
         as `sliding` says. It ends exactly in the states that it reaches: what it started from
         leaves no trace. None if it fails.
         """
-        if self.unpaired:
-            return None
         problem, start, pair = self.problem(load, x, gradient), self.gather(x), None
         if self.guess is not None:
             near, self.guess = self.gather(self.guess), None
             pair = complementarity.settled(problem, near, problem.movement(near))
         if pair is None:
             states = problem.states_of(start, sliding[self._rubbing])
-            pair = complementarity.settled(problem, start, -self.gather(gradient), states)
+            movement = self._opened(-self.gather(gradient))
+            pair = complementarity.settled(problem, start, movement, states)
         self.operator.products += problem.products
         if pair is None:
             return None
@@ -125,14 +131,13 @@ class Condensation:
         """The condensed problem whose load is exact at the dual vector x.
 
         The gradient on the gluing rows is taken as zero. Rigid motions of bodies without support
-        are relative to those in `load`. Raises NotConverged where nodes of corners rub without a
-        normal row of their own.
+        are relative to those in `load`. Raises NotConverged if the compliance cannot be computed.
         """
-        if self.unpaired:
-            raise NotConverged("corners that are open rub without a normal condition")
         op, balance, rows = self.operator, None, self.rows
         if self._law is None or op.softness is not None:
             motions = np.column_stack([self.gather(d) for d in op.motions]) if op.modes else None
+            if op.modes:
+                motions[self.apart] = 0.0
             self._law = CoulombProblem(self.compliance(), np.zeros(self.n + self.m),
                                        np.zeros(self.m), self.pair, self._bilateral(), motions)
         coefficient, offset = np.zeros(self.m), None
@@ -146,7 +151,12 @@ class Condensation:
             d = self.compliance() @ self.gather(x) - self.gather(gradient)
         if op.modes:
             balance = load.weights[: op.structure.patterns] @ op.rigid_work[0]
-        return self._law.under(d, coefficient, balance, offset)
+        return self._law.under(self._opened(d), coefficient, balance, offset)
+
+    def _opened(self, movement: np.ndarray) -> np.ndarray:
+        """`movement` (n + m,) with nodes that are kept apart as far open as anything moves."""
+        movement[self.apart] = -np.abs(movement).max(initial=0.0) or -1.0
+        return movement
 
     def _bilateral(self) -> np.ndarray:
         """(n,) whether contact is bilateral, on every rank."""

@@ -105,3 +105,28 @@ def test_a_search_of_more_products_than_unknowns_is_eliminated(levels, many, eli
     x, _, _ = of.fixed.find(1, load, np.zeros(3 * N), -load.d, np.zeros(N), Trace(), 1e-9)
     assert solves(of, load, x)
     assert len(tried) == eliminates and all(products > 2 * 3 * N for products in tried)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+def test_an_open_corner_rubs_without_its_normal_row(seed):
+    """Its friction needs no pressure: of the node whose normal row a corner leaves out the
+    tangential one obeys Tresca's law, however far the normal one would be penetrated.
+    """
+    of = parts(seed, 0.3, offset=0.5, **TIGHT)
+    acts = np.arange(N) > 0
+    of.rows.corners = SimpleNamespace(
+        excluded=np.array([0]), standing=np.zeros(0, int), without_friction=np.zeros(0, int),
+        act=lambda count: (acts, np.ones(count, bool)))
+    of.condensation.select()
+    assert of.condensation.apart.tolist() == [0]
+    load = load_of(of)
+    problem = of.condensation.problem(load, np.zeros(3 * N), -load.d)
+    pushed = 1e3 * np.random.default_rng(seed).standard_normal(2 * N) * (np.arange(2 * N) > 0)
+    assert problem.movement(pushed)[0] < 0  # whatever the others do
+    x, _, _ = of.fixed.condensed(1, load, np.zeros(3 * N), -load.d, np.zeros(N), Trace(), 1e-9)
+    move, t = load.d - of.operator.F @ x, slice(N, 2 * N)
+    bound = 0.5 + 0.3 * x[:N]
+    assert x[0] == 0.0 and abs(x[N]) > 0.0
+    missed = np.concatenate([(x - np.maximum(x + move, 0.0))[1:N], move[2 * N :],
+                             x[t] - np.clip(x[t] + move[t], -bound, bound)])
+    np.testing.assert_allclose(missed, 0.0, atol=1e-8 * np.abs(load.d).max())
