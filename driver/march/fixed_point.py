@@ -15,6 +15,7 @@ from ..text import step_name
 from . import globalization
 from .condensation import Condensation
 from .friction_qp import FrictionQP
+from .shortcut import Shortcut
 from .slip import SlipState
 from .step import WINDOW, Load, Trace, Unfinished
 
@@ -41,6 +42,7 @@ class FixedPoint:
         self.operator, self.rows = qp.operator, qp.rows
         self.settings, self.history = qp.settings, qp.history
         coupled = len(self.rows.tangential) > 0 and not self.rows.bound_is_given
+        self.shortcut = Shortcut(qp, slip, condensation)
         self.corrects_motion, self.rtol = False, self.settings.friction_rtol
         self.coupled = bool(self.operator.comm.allreduce(int(coupled)))
 
@@ -58,6 +60,9 @@ class FixedPoint:
         self.corrects_motion = free = self.operator.modes > 0
         secants, last, before = self.bodies.secants(), np.inf, trace.iterations
         first, motion = x, load.weights[self.operator.structure.patterns :].copy()
+        products, taken = self.operator.products, 0
+        if trace.shortcut and (found := self.shortcut.solution(index, load, x, trace)):
+            return found
         while not trace.fallback:
             trace.iterations += 1
             start, gradient = self._start(load, x, gradient, sliding)
@@ -79,6 +84,12 @@ class FixedPoint:
             trace.changes.append(max(change, loose * self._norm(x[rows.normal])))
             if loose <= self.rtol and self._settled(change, result):
                 return x, gradient, sliding
+            taken += 1
+            if self.shortcut.pays(trace, x, self._target(x),
+                                  (self.operator.products - products) / taken):
+                found = self.shortcut.solution(index, load, x, trace)
+                if found is not None:
+                    return found
             tired = trace.iterations - before >= settings.max_fixed_point
             if tired and trace.iterations - before <= 2 * WINDOW:
                 error = NotConverged(f"{step_name(index)}: no fixed point of the friction bound in "
@@ -165,8 +176,12 @@ class FixedPoint:
         return 0.0 if trace.exact else self.settings.inner_rtol
 
     def _settled(self, change: float, result) -> bool:
-        pressing = max(self._norm(result.x[self.rows.normal]), self.qp.scales.faded("pressing"))
-        return change <= self.rtol * pressing and result.residual <= self.qp.tol
+        return change <= self._target(result.x) and result.residual <= self.qp.tol
+
+    def _target(self, x) -> float:
+        """What changes of pressures and friction bounds are to fall below, near x."""
+        pressing = max(self._norm(x[self.rows.normal]), self.qp.scales.faded("pressing"))
+        return self.rtol * pressing
 
     def place(self, load: Load) -> tuple[np.ndarray, np.ndarray | None]:
         """Rigid motions (modes,) and states of corners, None without corners, to come `back` to."""
