@@ -93,12 +93,26 @@ def test_it_pays_where_more_products_are_to_come_than_its_price(decided):
 
 
 def test_a_price_above_what_is_to_come_does_not_pay(decided, monkeypatch):
-    monkeypatch.setattr(shortcut, "FACTORIZATIONS", 1e9)
-    assert decided(0.5 ** np.arange(4), 10)  # no row is free at zero multipliers
-    monkeypatch.setattr(Shortcut, "_price", lambda *_: 171.0)
-    assert not decided(0.5 ** np.arange(4), 10)
+    """171 products to come: that of the elimination, and of factors of the rows that are free."""
+    halved = 0.5 ** np.arange(4)
+    monkeypatch.setattr(Shortcut, "_price", lambda *_: 175.0)
+    assert not decided(halved, 10)
     monkeypatch.setattr(Shortcut, "_price", lambda *_: 165.0)
-    assert decided(0.5 ** np.arange(4), 10)
+    assert decided(halved, 10)
+
+
+def test_the_price_counts_free_rows(built, steps_of):
+    """Pressing nodes and, of friction below its bound, tangential rows: cubes of their number."""
+    solver, (step, *_) = steps_of(built("tutorial", **DRAGGED_PROBLEM))
+    way, rows = solver.fixed_point.shortcut, solver.rows
+    elimination = way.condensation.elimination
+    x = step.multipliers
+    free = (x[rows.normal] > 0).sum() + (
+        np.abs(x[rows.tangential]) < rows.friction_bound(x)).sum()
+    assert free > 20
+    newton = elimination.products(shortcut.FACTORIZATIONS * free**3 / 3)
+    assert way._price(x) == pytest.approx(elimination.price + newton, rel=1e-12)
+    assert way._price(0 * x) == elimination.price
 
 
 @pytest.mark.parametrize("changed", [
