@@ -85,8 +85,8 @@ class FixedPoint:
             if loose <= self.rtol and self._settled(change, result):
                 return x, gradient, sliding
             taken += 1
-            if self.shortcut.pays(trace, x, self._target(x),
-                                  (self.operator.products - products) / taken):
+            spent = self.operator.products - products
+            if self.shortcut.pays(trace, x, self._target(x), spent, taken):
                 found = self.shortcut.solution(index, load, x, trace)
                 if found is not None:
                     return found

@@ -23,6 +23,7 @@ from .uniqueness import DOUBTFUL_FRICTION
 SEEN = 3  # changes from which the next ones are extrapolated
 FASTEST, SLOWEST = 0.05, 0.9  # factors between changes that this relies on
 LEAST = 120  # products to come below which little is to be gained: a few hundredths of a second
+SPENT = 30  # products before which the first changes say little of the later ones
 FACTORIZATIONS = 6  # that Newton's method may take
 PASSES = 3  # of Newton's method: products show what rounding has left
 
@@ -47,19 +48,21 @@ class Shortcut:
         friction = self.condensation.of_tangential(self.rows.coefficient)
         return friction.max(initial=0.0) <= DOUBTFUL_FRICTION
 
-    def pays(self, trace: Trace, x: np.ndarray, target: float, products: float) -> bool:
+    def pays(self, trace: Trace, x: np.ndarray, target: float, spent: int, taken: int) -> bool:
         """Whether it is cheaper than to go on until changes are below `target`.
 
-        `products` (with F) are those of an iteration so far, x (owned,) the latest multipliers.
+        `spent` are the products with F of the iterations `taken` so far, x (owned,) the latest
+        multipliers.
         """
         changes = trace.changes[-WINDOW:]
-        if trace.shortcut is not None or len(changes) < SEEN or not 0 < target < changes[-1]:
+        early = spent < SPENT or len(changes) < SEEN
+        if early or trace.shortcut is not None or not 0 < target < changes[-1]:
             return False
         rate = (changes[-1] / changes[0]) ** (1 / (len(changes) - 1))
         if rate >= 1.0 and len(changes) < WINDOW:  # the first ones may grow
             return False
         rate = min(max(rate, FASTEST), SLOWEST)
-        to_come = products * np.log(target / changes[-1]) / np.log(rate)
+        to_come = spent / taken * np.log(target / changes[-1]) / np.log(rate)
         return to_come > LEAST and self.possible and to_come > self._price(x)
 
     def _price(self, x: np.ndarray) -> float:

@@ -67,15 +67,18 @@ DRAGGED_PROBLEM = {"h": 0.8, "element": "P2", "subdomains": 4, "steps": 1}
 
 @pytest.fixture
 def decided(built, steps_of):
-    """decided(changes, products=10, target=1e-6, shortcut=None): whether a shortcut pays."""
+    """decided(changes, each=10, target=1e-6, tried=None, spent=100): whether a shortcut pays where
+    an iteration takes `each` products and `spent` have been.
+    """
     problem = built("tutorial", **DRAGGED_PROBLEM)
     solver, _ = steps_of(problem)
     way = solver.fixed_point.shortcut
     assert isinstance(way, Shortcut) and way.possible
 
-    def decide(changes, each=10.0, target=1e-6, tried=None) -> bool:
+    def decide(changes, each=10, target=1e-6, tried=None, spent=100) -> bool:
         trace = Trace(changes=list(changes), shortcut=tried)
-        return way.pays(trace, np.zeros(problem.operator.owned), target, each)
+        return way.pays(trace, np.zeros(problem.operator.owned), target, spent,
+                        spent / each)
 
     return decide
 
@@ -85,6 +88,7 @@ def test_it_pays_where_more_products_are_to_come_than_its_price(decided):
     assert decided(halved, 10)
     assert not decided(halved, 6)  # 102 products: less than LEAST
     assert not decided(0.1 ** np.arange(4), 10)  # 3 more iterations
+    assert decided(halved, 10, spent=30) and not decided(halved, 10, spent=29)  # too early
     assert not decided(halved[:2], 10)  # two changes show no rate
     assert not decided(halved, 10, tried=False) and not decided(halved, 10, tried=True)
     assert not decided(halved, 10, target=0.2)  # settled
