@@ -11,6 +11,7 @@ import numpy as np
 from ..contact.curve import CHUNK, Curve
 from ..scene.elements import cross
 
+PAIRS = CHUNK // 8  # of edges, of which much more is known than a distance
 FOLDED = 0.5  # cosine of the turn from foot to foot below which they do not follow one another
 
 
@@ -85,18 +86,34 @@ def crossings(start: np.ndarray, end: np.ndarray, ends: np.ndarray) -> np.ndarra
     Edges that share a vertex do not count.
     """
     low, high = np.minimum(start, end), np.maximum(start, end)
-    order = np.argsort(low[:, 0], kind="stable")
-    left, found = low[order, 0], []
-    for place, first in enumerate(order):
-        last = np.searchsorted(left, high[first, 0], side="right")
-        others = order[place + 1 : last]
-        others = others[(low[others, 1] <= high[first, 1]) & (high[others, 1] >= low[first, 1])]
-        others = others[~np.isin(ends[others], ends[first]).any(axis=1)]
-        if not len(others):
-            continue
-        chord, chords = end[first] - start[first], end[others] - start[others]
-        side = [cross(chord, of[others] - start[first]) for of in (start, end)]
-        back = [cross(chords, of[first] - start[others]) for of in (start, end)]
-        cut = (side[0] * side[1] < 0) & (back[0] * back[1] < 0)
-        found += [(first, other) for other in others[cut]]
-    return np.array(found, int).reshape(-1, 2)
+    order, found = np.argsort(low[:, 0], kind="stable"), [np.empty((0, 2), int)]
+    # in the order of their left ends an edge reaches as far as some of those that follow it
+    last = np.searchsorted(low[order, 0], high[order, 0], side="right")
+    after = last - np.arange(len(order)) - 1
+    total, begin = np.cumsum(after), 0
+    while begin < len(order):
+        before = total[begin - 1] if begin else 0
+        stop = max(begin + 1, int(np.searchsorted(total, before + PAIRS, side="right")))
+        count = after[begin:stop]
+        place = np.repeat(np.arange(begin, stop), count)
+        first = np.repeat(np.cumsum(count) - count, count)
+        pair = np.column_stack([order[place], order[place + 1 + np.arange(len(place)) - first]])
+        found.append(pair[_cross(*pair.T, start, end, ends)])
+        begin = stop
+    return np.concatenate(found)
+
+
+def _cross(one: np.ndarray, two: np.ndarray, start: np.ndarray, end: np.ndarray,
+           ends: np.ndarray) -> np.ndarray:
+    """(n,) whether edges `one` and `two` (n,) cross, by places of their ends, and share none."""
+    y = start[:, 1], end[:, 1]
+    low, high = np.minimum(*y), np.maximum(*y)
+    result = (low[two] <= high[one]) & (high[two] >= low[one])
+    near = np.flatnonzero(result)
+    one, two = one[near], two[near]
+    shared = (ends[one][:, :, None] == ends[two][:, None]).any(axis=(1, 2))
+    chord, chords = end[one] - start[one], end[two] - start[two]
+    side = [cross(chord, of[two] - start[one]) for of in (start, end)]
+    back = [cross(chords, of[one] - start[two]) for of in (start, end)]
+    result[near] = ~shared & (side[0] * side[1] < 0) & (back[0] * back[1] < 0)
+    return result

@@ -106,13 +106,19 @@ class Galerkin:
     def __init__(self, block: ContactBlock, columns: np.ndarray, k: int):
         self.size, self.G, self.block = k, block.G, block
         self._own = columns[:, :, None] * k + columns[:, None, :]
-        self._columns, pair = columns, columns[:, 0] * k + columns[:, 1]
+        pair = columns[:, 0] * k + columns[:, 1]
         A = csr_matrix(block.A).tocoo()
         if issparse(block.local):
             L = block.local.tocoo()
             self._L = _Sums(L.row, pair[L.col], L.col, L.data)
             self._row, to = L.row[self._L.entry], columns[L.col[self._L.entry]]
             self._cell = (columns[self._row][:, :, None] * k + to[:, None, :]).T.ravel()
+        else:
+            first = np.arange(0, columns.size + 1, 2)
+            entries = np.zeros(columns.size), columns.ravel(), first
+            self._hats = csr_matrix(entries, shape=(len(columns), k))
+            self._hats_transposed = self._hats.T  # with the same entries
+            self._local_transposed = np.ascontiguousarray(block.local.T)
         self._A = _Sums(A.col, pair[A.row], A.row, A.data)
         corners, to = max(len(self.G), 1), columns[A.row[self._A.entry]]
         cell, self._slot = np.unique((to * corners + A.col[self._A.entry][:, None]).T.ravel(),
@@ -137,9 +143,8 @@ class Galerkin:
         """W' L W (k, k) for W (n, 2)."""
         k = self.size
         if not issparse(self.block.local):
-            first = np.arange(0, W.size + 1, 2)
-            W = csr_matrix((W.ravel(), self._columns.ravel(), first), shape=(len(W), k))
-            product = W.T @ (self.block.local @ W)
+            self._hats.data[:] = W.ravel()
+            product = self._hats_transposed @ (self._hats_transposed @ self._local_transposed).T
             return (product + product.T) / 2
         W = np.ascontiguousarray(W.T)
         products = self._L(W)[:, None] * np.take(W, self._row, axis=1)

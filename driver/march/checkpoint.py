@@ -16,7 +16,6 @@ import shutil
 import sys
 import zipfile
 import zlib
-from importlib.metadata import version
 from pathlib import Path
 
 from ..environment import ROOT, petsc_place
@@ -32,6 +31,8 @@ SHARE = 0.02
 @functools.cache
 def program() -> str:
     """Digest of the code that makes the numbers, as it is when it is first asked for."""
+    from importlib.metadata import version  # here: FreeFEM starts before, and it takes a while
+
     versions = f"{sys.version} {version('numpy')} {petsc_place()}"
     digest = hashlib.sha256(versions.encode())
     for path in sorted((ROOT / "driver").rglob("*.py")):

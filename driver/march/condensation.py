@@ -1,14 +1,16 @@
 """The contact part of the dual vectors: dense, in the order of the contact nodes, on every rank."""
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import NotConverged
 from ..qp import complementarity
 from ..qp.coulomb import CoulombProblem
 from ..feti.compliance import contact_compliance
 from ..feti.dual_problem import DualProblem
+from ..feti.fronts import GluingElimination
+from ..feti.gathering import gather
 from ..feti.rows import contact_row_numbers
 from ..contact.rows import ContactRows
 from .step import Load
@@ -84,10 +86,31 @@ class Condensation:
             lower[rows] = upper[rows] = x[rows]
         return lower, upper
 
+    @functools.cached_property
+    def elimination(self) -> GluingElimination | None:
+        """That of the gluing rows; None where there are none, or bodies that move freely, or
+        stiffness jumps: pivots keep more digits there.
+        """
+        if self.whole or self.operator.modes or self.operator.levels > 1:
+            return None
+        return GluingElimination(self.operator)
+
+    def glued(self, load: Load, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """x with the gluing multipliers of its contact multipliers, and its gradient: two products.
+
+        Where there is an `elimination`. Collective; raises NotConverged.
+        """
+        op, (first, last) = self.operator, self.operator.structure.row_range
+        self.elimination.compliance()
+        residual = gather(op.comm, op.apply(x) - load.d)
+        x = x + self.elimination.change(residual)[first:last]
+        return x, op.apply(x) - load.d
+
     def compliance(self) -> np.ndarray:
         """C (n + m, n + m), computed at the first call. Raises NotConverged."""
         if self._compliance is None:
-            self._compliance = contact_compliance(self.operator)
+            self._compliance = (contact_compliance(self.operator) if self.elimination is None
+                                else self.elimination.compliance())
         if self._selected is None or self.operator.softness is not None:  # which changes
             self._selected = self._compliance
             if self.operator.softness is not None:

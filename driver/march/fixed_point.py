@@ -13,8 +13,9 @@ from ..qp.mprgp import projected_gradient
 from ..text import step_name
 from . import globalization
 from .condensation import Condensation
-from .elimination import Elimination, without_solution
+from .condensed_search import CondensedSearch, without_solution
 from .friction_qp import FrictionQP
+from .shortcut import Shortcut
 from .slip import SlipState
 from .step import WINDOW, Load, Trace, Unfinished
 
@@ -37,7 +38,8 @@ class FixedPoint:
         self.operator, self.rows = qp.operator, qp.rows
         self.settings, self.history = qp.settings, qp.history
         coupled = len(self.rows.tangential) > 0 and not self.rows.bound_is_given
-        self.elimination = Elimination(qp, bodies, slip, condensation)
+        self.search = CondensedSearch(qp, bodies, slip, condensation)
+        self.shortcut = Shortcut(qp, slip, condensation)
         self.corrects_motion, self.rtol = False, self.settings.friction_rtol
         self.coupled = bool(self.operator.comm.allreduce(int(coupled)))
 
@@ -55,7 +57,9 @@ class FixedPoint:
         self.corrects_motion = free = self.operator.modes > 0
         secants, last, before = self.bodies.secants(), np.inf, trace.iterations
         first, motion = x, load.weights[self.operator.structure.patterns :].copy()
-        products, eliminates = self.operator.products, self.elimination.stiff
+        products, taken, eliminates = self.operator.products, 0, self.search.stiff
+        if trace.shortcut and (found := self.shortcut.solution(index, load, x, trace)):
+            return found
         while not trace.fallback:
             trace.iterations += 1
             start, gradient = self._start(load, x, gradient, sliding)
@@ -77,12 +81,18 @@ class FixedPoint:
             trace.changes.append(max(change, loose * self._norm(x[rows.normal])))
             if loose <= self.rtol and self._settled(change, result):
                 return x, gradient, sliding
+            taken += 1
+            spent = self.operator.products - products
+            if self.shortcut.pays(trace, x, self._target(x), spent, taken):
+                found = self.shortcut.solution(index, load, x, trace)
+                if found is not None:
+                    return found
             tired = trace.iterations - before >= settings.max_fixed_point
             if tired and trace.iterations - before <= 2 * WINDOW:
                 error = NotConverged(f"{step_name(index)}: no fixed point of the friction bound in "
                                      f"{trace.iterations} iterations")
                 raise Unfinished(error, x, gradient)
-            if eliminates and self.operator.products - products > self._exhausting:
+            if eliminates and spent > self._exhausting:
                 eliminates = False
                 solution = self._eliminated(index, load, x, trace)
                 if solution is not None:
@@ -168,8 +178,12 @@ class FixedPoint:
         return 0.0 if trace.exact else self.settings.inner_rtol
 
     def _settled(self, change: float, result) -> bool:
-        pressing = max(self._norm(result.x[self.rows.normal]), self.qp.scales.faded("pressing"))
-        return change <= self.rtol * pressing and result.residual <= self.qp.tol
+        return change <= self._target(result.x) and result.residual <= self.qp.tol
+
+    def _target(self, x) -> float:
+        """What changes of pressures and friction bounds are to fall below, near x."""
+        pressing = max(self._norm(x[self.rows.normal]), self.qp.scales.faded("pressing"))
+        return self.rtol * pressing
 
     def place(self, load: Load) -> tuple[np.ndarray, np.ndarray | None]:
         """Rigid motions (modes,) and states of corners, None without corners, to come `back` to."""
@@ -229,7 +243,7 @@ class FixedPoint:
 
     def _eliminate(self, index: int, load: Load, x, trace: Trace):
         """As `find`, by the condensed problem; None if it fails. Raises Unfinished."""
-        return self.elimination.solution(index, load, x, trace, self.rtol)
+        return self.search.solution(index, load, x, trace, self.rtol)
 
     def _eliminated(self, index: int, load: Load, x, trace: Trace):
         """As `_eliminate`. Raises Unfinished only where it has shown that there is no solution."""

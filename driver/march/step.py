@@ -125,6 +125,7 @@ class Trace:
     changes: list = field(default_factory=list)
     fallback: bool = False  # successive approximations did not contract
     exact: bool = False  # QPs to the tolerance: multipliers answer violently to residuals
+    shortcut: bool | None = None  # whether the condensed problem gave a solution, if it was tried
 
     def again(self) -> None:
         """Forget that they did not contract."""

@@ -175,6 +175,29 @@ def test_points_in_polygons_and_crossing_edges():
                                                                                     [[2, 0]])
 
 
+@pytest.mark.parametrize("pairs", [1, 7, 10**6])
+def test_crossing_edges_are_those_that_all_pairs_say(monkeypatch, pairs):
+    """However many are looked at together; by the signs of areas, and not where a vertex is shared.
+    """
+    monkeypatch.setattr(true_distance, "PAIRS", pairs)
+    corner = np.random.default_rng(3).random((24, 2))
+    corner[6:12, 0] = 0.5  # edges along a line
+    ends = np.column_stack([np.arange(24), np.roll(np.arange(24), -1)])
+    start, end = corner[ends[:, 0]], corner[ends[:, 1]]
+
+    def area(a, b, c) -> float:
+        return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+
+    expected = {(i, k) for i in range(24) for k in range(i)
+                if not set(ends[i]) & set(ends[k])
+                and area(start[i], end[i], start[k]) * area(start[i], end[i], end[k]) < 0
+                and area(start[k], end[k], start[i]) * area(start[k], end[k], end[i]) < 0}
+    found = true_distance.crossings(start, end, ends)
+    assert len(found) == len(expected) > 20
+    assert {(max(pair), min(pair)) for pair in found.tolist()} == expected
+    assert true_distance.crossings(*np.empty((2, 0, 2)), np.empty((0, 2), int)).shape == (0, 2)
+
+
 def checks():
     """What checks steps of two boundaries on circular pins; where nothing has been found yet."""
     R, angle = np.array([2.0, 5.0]), np.linspace(-0.3, 0.3, 13)

@@ -72,6 +72,7 @@ def parts(seed=1, friction=0.3, offset=None, levels=1, **settings) -> SimpleName
     slip = SimpleNamespace(effects=SimpleNamespace(coefficient_changes=False),
                            renew_coefficient=lambda gradient: None)
     condensed = Condensation(operator, rows)
+    condensed.elimination = None  # which is that of subdomains
     c, g = slice(2 * N), slice(2 * N, None)
     F = operator.F
     condensed._compliance = F[c, c] - F[c, g] @ np.linalg.solve(F[g, g], F[g, c])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from driver.errors import NotConverged
-from driver.march import elimination, fixed_point
+from driver.march import condensed_search, fixed_point
 from driver.march.step import Trace, Unfinished
 from test_dense_steps import N, TIGHT, load_of, parts, solves
 
@@ -49,7 +49,7 @@ def test_contact_rows_keep_digits_that_gluing_rows_lose(seed):
     x, gradient, _ = of.fixed.condensed(1, load, zero, -load.d, np.zeros(N), Trace(), 1e-9)
     glued = np.abs((load.d - product(x))[2 * N :]).max() / np.linalg.norm(load.d)
     assert 1e-3 * NOISE < glued < 100 * NOISE
-    assert np.abs(natural(of, product, load, x)).max() < elimination.DIGITS * NOISE
+    assert np.abs(natural(of, product, load, x)).max() < condensed_search.DIGITS * NOISE
     np.testing.assert_allclose(gradient[: 2 * N], (product(x) - load.d)[: 2 * N], atol=1e-12)
 
 
@@ -67,10 +67,10 @@ def test_rounding_that_ends_a_qp_ends_no_elimination_of_stiff_parts(stiff):
     of.qp.solve = stagnates
     given = 1, load, np.zeros(3 * N), Trace(), 1e-9
     if stiff:
-        assert solves(of, load, of.fixed.elimination.solution(*given)[0])
+        assert solves(of, load, of.fixed.search.solution(*given)[0])
         return
     with pytest.raises(Unfinished, match="stagnated"):
-        of.fixed.elimination.solution(*given)
+        of.fixed.search.solution(*given)
 
 
 @pytest.mark.parametrize("fails", ["none", "raises"])
@@ -84,9 +84,9 @@ def test_bodies_are_where_they_were_after_a_search_that_failed(fails, monkeypatc
         if fails == "raises":
             raise Unfinished(NotConverged("lost"), None, None)
 
-    of.fixed.elimination.bodies = SimpleNamespace(
+    of.fixed.search.bodies = SimpleNamespace(
         shift=lambda load, change: moved.extend(change.tolist()))
-    monkeypatch.setattr(of.fixed.elimination, "_search", search)
+    monkeypatch.setattr(of.fixed.search, "_search", search)
     assert of.fixed._eliminated(1, load, np.zeros(3 * N), Trace()) is None
     assert moved == [-2.0]
 
@@ -98,8 +98,8 @@ def test_a_search_of_more_products_than_unknowns_is_eliminated(levels, many, eli
     """Where stiffness jumps: conjugate gradients end with the unknowns, but for rounding."""
     monkeypatch.setattr(fixed_point, "MANY", many)
     of, tried = parts(1, 0.5, levels=levels, inner_rtol=1e-12, **TIGHT), []
-    solution = of.fixed.elimination.solution
-    of.fixed.elimination.solution = lambda *given: tried.append(of.operator.products) or (
+    solution = of.fixed.search.solution
+    of.fixed.search.solution = lambda *given: tried.append(of.operator.products) or (
         solution(*given))
     load = load_of(of)
     x, _, _ = of.fixed.find(1, load, np.zeros(3 * N), -load.d, np.zeros(N), Trace(), 1e-9)

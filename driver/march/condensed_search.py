@@ -32,7 +32,7 @@ FINEST = 1e-13  # ... but no less than this part of the change
 LAW_SECANTS = 10  # of friction coefficients that slip changes, combined
 
 
-class Elimination:
+class CondensedSearch:
     """Steps of one problem by its contact rows, condensed. Collective."""
 
     def __init__(self, qp, bodies, slip, condensation):

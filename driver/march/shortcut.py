@@ -1,0 +1,109 @@
+"""The condensed contact problem, where successive approximations would take longer.
+
+An iteration of the fixed point changes pressures and friction bounds by a factor less than the one
+before and takes some products with F: so many are to come until the tolerance. To eliminate the
+gluing rows and corners (feti/fronts.py) has a price in products that follows from sizes alone;
+then Newton's method on the contact rows (P. Alart, A. Curnier, CMAME 92 (1991) 353-375) ends in a
+solution at once. What is cheaper is done. It is decided from counts, in every step anew: neither
+ranks nor an interruption change it.
+"""
+
+import numpy as np
+
+from ..errors import NotConverged
+from ..qp import complementarity
+from ..qp.mprgp import projected_gradient
+from . import globalization
+from .condensation import Condensation
+from .friction_qp import FrictionQP
+from .slip import SlipState
+from .step import WINDOW, Load, Trace
+from .uniqueness import DOUBTFUL_FRICTION
+
+SEEN = 3  # changes from which the next ones are extrapolated
+FASTEST, SLOWEST = 0.05, 0.9  # factors between changes that this relies on
+LEAST = 120  # products to come below which little is to be gained: a few hundredths of a second
+SPENT = 30  # products before which the first changes say little of the later ones
+FACTORIZATIONS = 6  # that Newton's method may take
+PASSES = 3  # of Newton's method: products show what rounding has left
+
+
+class Shortcut:
+    """Of one fixed point. Collective."""
+
+    def __init__(self, qp: FrictionQP, slip: SlipState, condensation: Condensation):
+        self.qp, self.rows, self.slip, self.condensation = qp, qp.rows, slip, condensation
+
+    @property
+    def possible(self) -> bool:
+        """Whether the problem is the same one in all iterations and may be condensed.
+
+        And has one solution: of several Newton's method may find another one.
+        """
+        plain = self.rows.corners is None and self.rows.idle is None
+        if not plain or self.condensation.elimination is None:
+            return False
+        if self.slip.effects.coefficient_changes or self.slip.effects.closes:
+            return False
+        friction = self.condensation.of_tangential(self.rows.coefficient)
+        return friction.max(initial=0.0) <= DOUBTFUL_FRICTION
+
+    def pays(self, trace: Trace, x: np.ndarray, target: float, spent: int, taken: int) -> bool:
+        """Whether it is cheaper than to go on until changes are below `target`.
+
+        `spent` are the products with F of the iterations `taken` so far, x (owned,) the latest
+        multipliers.
+        """
+        changes = trace.changes[-WINDOW:]
+        early = spent < SPENT or len(changes) < SEEN
+        if early or trace.shortcut is not None or not 0 < target < changes[-1]:
+            return False
+        rate = (changes[-1] / changes[0]) ** (1 / (len(changes) - 1))
+        if rate >= 1.0 and len(changes) < WINDOW:  # the first ones may grow
+            return False
+        rate = min(max(rate, FASTEST), SLOWEST)
+        to_come = spent / taken * np.log(target / changes[-1]) / np.log(rate)
+        return to_come > LEAST and self.possible and to_come > self._price(x)
+
+    def _price(self, x: np.ndarray) -> float:
+        """Products in the time of the elimination and of Newton's factorizations near x."""
+        bound = self.rows.friction_bound(x)
+        stick = np.zeros(len(x))
+        stick[self.rows.normal[x[self.rows.normal] > 0]] = 1.0
+        stick[self.rows.tangential[np.abs(x[self.rows.tangential]) < bound]] = 1.0
+        free = self.condensation.gather(stick).sum()
+        elimination = self.condensation.elimination
+        return elimination.price + elimination.products(FACTORIZATIONS * free**3 / 3)
+
+    def solution(self, index: int, load: Load, x: np.ndarray, trace: Trace) -> tuple | None:
+        """Multipliers (owned,), gradient and rows that slide of the solution near x; None if none.
+
+        None where Newton's method does not settle: it is local. `index` of the step: it is noted
+        where approximations did not contract.
+        """
+        try:
+            found = self._found(load, x)
+        except NotConverged:
+            found = None
+        if found is not None and trace.shortcut is None and trace.contraction >= 1.0:
+            trace.fallback = True
+            self.qp.history.fallbacks.note(globalization.NEWTON, index)
+        trace.shortcut = found is not None
+        return found
+
+    def _found(self, load: Load, x: np.ndarray) -> tuple | None:
+        rows, qp = self.rows, self.qp
+        for number in range(PASSES + 1):
+            x, gradient = self.condensation.glued(load, x)
+            bound = rows.friction_bound(x)
+            residual = projected_gradient(x, gradient, *rows.limits_at(len(x), bound))
+            if number and qp.size(residual) <= qp.tol:
+                return x, gradient, rows.sliding(x, bound)
+            if number == PASSES:
+                return None
+            problem = self.condensation.problem(load, x, gradient)
+            z = complementarity.newton(problem, problem.whole(self.condensation.gather(x)))
+            if z is None:
+                return None
+            x = self.condensation.place(z, x)
+        return None

@@ -1,0 +1,92 @@
+"""The elimination of gluing rows and corners by dense fronts, against the dense dual matrix."""
+
+import numpy as np
+import pytest
+
+from driver.errors import NotConverged
+from driver.feti import fronts
+from driver.feti.fronts import GluingElimination
+from driver.feti.rows import RowKind, contact_row_numbers
+
+SCENES = [
+    ("model", {"subdomains": "4x2", "cells": 4}),
+    ("model", {"subdomains": "1x1", "cells": 4}),  # no gluing rows, no corners
+    ("model", {"subdomains": "4x2", "cells": 3, "element": "P2"}),
+    ("bracket", {}),  # graph partition; interfaces between materials are corners as a whole
+    ("mindlin-bodies", {"subdomains": "6"}),  # mortar rows of two bodies
+]
+
+
+@pytest.mark.parametrize("scene, options", SCENES)
+def test_fronts_leave_the_schur_complement_on_the_contact_rows(built, scene, options):
+    problem = built(scene, **options)
+    F, contact = problem.F, contact_row_numbers(problem.structure.contact)
+    gluing = problem.structure.row_kind == RowKind.GLUING
+    elimination = GluingElimination(problem.operator)
+    C = elimination.compliance()
+    schur = F[contact][:, contact]
+    if gluing.any():
+        schur = schur - F[contact][:, gluing] @ np.linalg.solve(
+            F[gluing][:, gluing], F[gluing][:, contact])
+    # rounding, times a condition number of F_gg of less than 1e3 in these bodies
+    assert np.abs(C - schur).max() <= 1e-10 * np.abs(schur).max()
+    assert np.array_equal(C, C.T) and elimination.compliance() is C
+    x, d = np.random.default_rng(4).standard_normal((2, len(F)))
+    residual = F @ x - d * np.abs(F).sum(axis=1)
+    change = elimination.change(residual)
+    assert not change[~gluing].any()
+    left = np.abs((residual + F @ change)[gluing]).max(initial=0.0)
+    assert left <= 1e-11 * np.abs(residual).max()
+
+
+def test_the_order_of_fronts_follows_the_interfaces(built, monkeypatch):
+    """No front is larger than what subdomains beside one another have: 2 rows a node of the
+    interfaces and of contact, and corners; a bad order would fill them with all there are. The
+    price counts these sizes.
+    """
+    problem, sizes, one = built("model", subdomains="8x4", cells=4), [], fronts._eliminated
+
+    def eliminated(matrix, m, sign):
+        sizes.append((m, len(matrix)))
+        return one(matrix, m, sign)
+
+    monkeypatch.setattr(fronts, "_eliminated", eliminated)
+    elimination = GluingElimination(problem.operator)
+    elimination.compliance()
+    unknowns = problem.structure.dual_dofs + problem.structure.coarse_dofs
+    assert max(size for _, size in sizes) < 0.4 * unknowns
+    counted = elimination._operations(_groups_of(elimination, problem))
+    assert counted == pytest.approx(sum(m * size**2 / 2 for m, size in sizes), rel=1e-12)
+    # what is kept to solve with has no contact rows
+    kept = max(front.index.max() for front in elimination._fronts)
+    assert kept < unknowns - len(contact_row_numbers(problem.structure.contact))
+
+
+def _groups_of(elimination, problem) -> np.ndarray:
+    unknowns = problem.structure.dual_dofs + problem.structure.coarse_dofs
+    return fronts._groups(elimination._numbers, unknowns, problem.structure.dual_dofs,
+                          contact_row_numbers(problem.structure.contact))[0]
+
+
+def test_price_is_higher_where_many_subdomains_share_a_matrix(built):
+    """In products, which take less there; that of dense operations likewise."""
+    problem = built("model", subdomains="6x4", cells=4)
+    elimination = GluingElimination(problem.operator)
+    price, each = elimination.price, elimination.products(1e9)
+    shared = [c for c in problem.operator.classes if c.shared]
+    for c in shared:
+        c.shared = False
+    alone = GluingElimination(problem.operator)
+    for c in shared:
+        c.shared = True
+    assert shared and 0 < alone.price < price and alone.products(1e9) < each
+
+
+def test_what_is_not_definite_is_refused():
+    matrix = np.array([[4.0, 0.0], [2.0, 1.0]])  # lower triangle
+    pivots, rest, left = fronts._eliminated(matrix, 1, 1.0)
+    assert (pivots, rest, left) == ([[2.0]], [[1.0]], [[0.0]])
+    pivots, rest, left = fronts._eliminated(-matrix, 1, -1.0)
+    assert (pivots, rest, left) == ([[2.0]], [[-1.0]], [[0.0]])
+    with pytest.raises(NotConverged, match="could not be eliminated"):
+        fronts._eliminated(matrix, 1, -1.0)

@@ -1,0 +1,157 @@
+"""Steps that the condensed contact problem solves, because successive approximations would take
+longer: the same solution for fewer products, decided from counts alone.
+"""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from driver.march import globalization, shortcut
+from driver.march.condensation import Condensation
+from driver.march.shortcut import Shortcut
+from driver.march.step import History, Trace
+
+# the rubber block dragged at once: friction bounds settle slowly as all nodes slide
+DRAGGED = {"h": 0.8, "element": "P2", "subdomains": 4, "without": "quasistatic"}
+
+
+def products(outcome) -> int:
+    """Products with F in all steps."""
+    return outcome.summary["counts"]["dual_multiplications"]
+
+
+def forces(outcome) -> np.ndarray:
+    """(2, nodes) tractions at the end."""
+    return np.array([outcome.contact[name][-1] for name in ("sigma_n", "sigma_t")])
+
+
+def test_slow_approximations_are_cut_short(solved, monkeypatch):
+    """For a third of the products, to the tolerance of both; nothing has failed, so nothing is
+    said.
+    """
+    short = solved("tutorial", **DRAGGED)
+    monkeypatch.setattr(shortcut, "LEAST", np.inf)
+    long = solved("tutorial", **DRAGGED, quiet="no")  # another key: a run of its own
+    assert products(short) < 60 and products(short) < 0.4 * products(long)
+    assert not short.summary["fallbacks"]
+    assert max(short.summary["residuals"].values()) <= 1e-10
+    assert np.abs(forces(short) - forces(long)).max() <= 1e-5 * np.abs(forces(long)).max()
+
+
+def test_ranks_cut_short_alike(solved):
+    one, two = (solved("tutorial", **DRAGGED, np=ranks) for ranks in (1, 2))
+    assert products(one) == products(two) < 60
+    assert (one.directory / "contact.csv").read_bytes() == (
+        two.directory / "contact.csv").read_bytes()
+
+
+def test_approximations_go_on_where_newton_does_not_settle(built, steps_of, monkeypatch):
+    """As if it had not been tried, but for its products; and it is tried once in a step."""
+    problem, tried = built("tutorial", **DRAGGED_PROBLEM), []
+
+    def unsettled(*_):
+        tried.append(1)
+
+    monkeypatch.setattr(shortcut.complementarity, "newton", unsettled)
+    _, (failed, *_) = steps_of(problem)
+    assert tried == [1]
+    monkeypatch.setattr(shortcut, "LEAST", np.inf)
+    _, (plain, *_) = steps_of(problem)
+    assert np.array_equal(failed.multipliers, plain.multipliers)
+    assert failed.products == plain.products + 2  # gluing multipliers and what they leave
+
+
+DRAGGED_PROBLEM = {"h": 0.8, "element": "P2", "subdomains": 4, "steps": 1}
+
+
+@pytest.fixture
+def decided(built, steps_of):
+    """decided(changes, each=10, target=1e-6, tried=None, spent=100): whether a shortcut pays where
+    an iteration takes `each` products and `spent` have been.
+    """
+    problem = built("tutorial", **DRAGGED_PROBLEM)
+    solver, _ = steps_of(problem)
+    way = solver.fixed_point.shortcut
+    assert isinstance(way, Shortcut) and way.possible
+
+    def decide(changes, each=10, target=1e-6, tried=None, spent=100) -> bool:
+        trace = Trace(changes=list(changes), shortcut=tried)
+        return way.pays(trace, np.zeros(problem.operator.owned), target, spent,
+                        spent / each)
+
+    return decide
+
+
+def test_it_pays_where_more_products_are_to_come_than_its_price(decided):
+    halved = 0.5 ** np.arange(4)  # 17 more iterations until 1e-6
+    assert decided(halved, 10)
+    assert not decided(halved, 6)  # 102 products: less than LEAST
+    assert not decided(0.1 ** np.arange(4), 10)  # 3 more iterations
+    assert decided(halved, 10, spent=30) and not decided(halved, 10, spent=29)  # too early
+    assert not decided(halved[:2], 10)  # two changes show no rate
+    assert not decided(halved, 10, tried=False) and not decided(halved, 10, tried=True)
+    assert not decided(halved, 10, target=0.2)  # settled
+    # no contraction: the first changes may grow; then as many as with the slowest rate
+    assert not decided(np.ones(7), 2) and decided(np.ones(8), 2)
+
+
+def test_a_price_above_what_is_to_come_does_not_pay(decided, monkeypatch):
+    """171 products to come: that of the elimination, and of factors of the rows that are free."""
+    halved = 0.5 ** np.arange(4)
+    monkeypatch.setattr(Shortcut, "_price", lambda *_: 175.0)
+    assert not decided(halved, 10)
+    monkeypatch.setattr(Shortcut, "_price", lambda *_: 165.0)
+    assert decided(halved, 10)
+
+
+def test_the_price_counts_free_rows(built, steps_of):
+    """Pressing nodes and, of friction below its bound, tangential rows: cubes of their number."""
+    solver, (step, *_) = steps_of(built("tutorial", **DRAGGED_PROBLEM))
+    way, rows = solver.fixed_point.shortcut, solver.rows
+    elimination = way.condensation.elimination
+    x = step.multipliers
+    free = (x[rows.normal] > 0).sum() + (
+        np.abs(x[rows.tangential]) < rows.friction_bound(x)).sum()
+    assert free > 20
+    newton = elimination.products(shortcut.FACTORIZATIONS * free**3 / 3)
+    assert way._price(x) == pytest.approx(elimination.price + newton, rel=1e-12)
+    assert way._price(0 * x) == elimination.price
+
+
+@pytest.mark.parametrize("changed", [
+    {"corners": object()}, {"idle": np.arange(1)}, {"elimination": None},
+    {"coefficient_changes": True}, {"closes": True}, {"coefficient": np.array([0.3, 0.9])}])
+def test_where_it_is_not_possible(changed):
+    """Corners choose their states, slip changes friction, surfaces yield: all these change the
+    problem between iterations. Nor where there is nothing to eliminate, or perhaps more than one
+    solution.
+    """
+    known = {"corners": None, "idle": None, "elimination": object(),
+             "coefficient_changes": False, "closes": False, "coefficient": np.array([0.3, 0.8]),
+             "of_tangential": lambda values: values}
+    for given, expected in ((known, True), (known | changed, False)):
+        own = SimpleNamespace(**given)
+        way = Shortcut(SimpleNamespace(rows=own), SimpleNamespace(effects=own), own)
+        assert way.possible == expected
+
+
+@pytest.mark.parametrize("changed", [{"levels": 2}, {"modes": 3}, {"contact_rows_only": True}])
+def test_what_is_not_eliminated(changed):
+    """Jumps of stiffness take pivots, free bodies a border, studies have no gluing rows."""
+    own = SimpleNamespace(**({"levels": 1, "modes": 0, "contact_rows_only": False} | changed))
+    condensation = object.__new__(Condensation)
+    condensation.operator = own
+    assert condensation.elimination is None
+
+
+@pytest.mark.parametrize("changes, noted", [((1.0, 2.0, 1.0, 3.0), True), ((3.0, 2.0, 1.0), False)])
+def test_approximations_that_do_not_contract_are_noted(monkeypatch, changes, noted):
+    """Once, and the step is one in doubt."""
+    history, trace = History(), Trace(changes=list(changes))
+    way = Shortcut(SimpleNamespace(rows=None, history=history), None, None)
+    monkeypatch.setattr(Shortcut, "_found", lambda *_: ("x", "gradient", "sliding"))
+    for _ in range(2):
+        assert way.solution(5, None, None, trace) == ("x", "gradient", "sliding")
+    assert trace.fallback == noted and trace.shortcut
+    assert history.fallbacks.steps == ({globalization.NEWTON: [5]} if noted else {})
