@@ -105,6 +105,8 @@ def test_changes_are_of_meaning():
     assert (one.line, one.before, one.after, one.package) == (2, "y = 2", "y = 3", "qp")
     assert mutations._compiles(one)
     assert not mutations._compiles(mutations.mutant("driver/qp/a.py", "y = 2\n", "y = = 2\n"))
+    for after, alike in (("x.reshape(n, - 2).T", True), ("x.reshape(n, -1)", False)):
+        assert mutations._alike(mutations.Mutant("", "", 1, "x.reshape(n, -1).T", after)) == alike
 
 
 @pytest.mark.parametrize("answers, outcome", [
