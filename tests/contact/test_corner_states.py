@@ -46,7 +46,11 @@ def test_a_corner_takes_the_state_that_its_conditions_ask_for():
     held = corner(bilateral=(True, False))  # never open
     assert switched(held, [0.0, 0.0], [-1e-3, -1e-3]) == (True, FIRST)
     assert switched(held, [0.0, 0.0], [0.0, 1e-3]) == (True, BOTH)
-    assert corner(gap=(1e-3, 0.0)).acting[0] == SECOND  # the side that is nearer
+    for size in (1.0, -1.0, 1e9):  # the side that is nearer, of overlaps as well
+        assert corner(gap=(size + 1e-3 * abs(size), size)).acting[0] == SECOND
+        assert corner(gap=(size, size + 1e-3 * abs(size))).acting[0] == FIRST
+        assert corner(gap=(size, size)).acting[0] == BOTH  # both are
+    assert corner(gap=(1e-3, 0.0)).acting[0] == SECOND
     given = corner(offset=(1.0, 2.0))  # friction that needs no pressure
     assert switched(given, [0.0, 0.0], [-1e-3, -1e-3]) == (True, NEITHER)
     assert given.excluded.tolist() == [0, 1]

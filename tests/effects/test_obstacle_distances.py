@@ -75,6 +75,11 @@ def test_even_obstacles_slide_along_their_labels_and_others_do_not():
     at.family[:2] = 1  # between bodies there is no obstacle
     obstacle_motion._refuse_uneven(at, uneven, along)
     at.family[:] = 0
+    for unit in (1e-3, 1.0, 1e6):
+        place = nodes(unit * xy, at.normal, label=at.label, members=at.members)
+        obstacle_motion._refuse_uneven(place, unit * (even + [1e-10, 0, 0, 0, 0]), unit * along)
+        with pytest.raises(InputError, match="label 1 slides"):
+            obstacle_motion._refuse_uneven(place, unit * (even + [1e-7, 0, 0, 0, 0]), unit * along)
     with pytest.raises(InputError, match="label 1 slides"):
         obstacle_motion._refuse_uneven(at, uneven, along)
     with pytest.raises(InputError, match="label 2 slides"):

@@ -347,3 +347,23 @@ def test_scenes_that_ship_are_ok(solved, scene):
     assert entry["verdict"] == "ok"
     # rounding or, on curved boundaries, slip times slope: no part of what polygons lack of curves
     assert entry["largest_normal_error"] < 1e-3
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_edges_cross_where_both_lines_meet_inside(seed):
+    """By the parameters of the point that two lines have in common; edges of one vertex do not."""
+    rng = np.random.default_rng(seed)
+    vertex = rng.standard_normal((24, 2)) * [1.0, 3.0]
+    ends = np.array([rng.choice(24, 2, replace=False) for _ in range(30)])
+    start, end = vertex[ends].transpose(1, 0, 2)
+    expected = set()
+    for i in range(30):
+        for k in range(i):
+            if not set(ends[i]) & set(ends[k]):
+                along = np.column_stack([end[i] - start[i], start[k] - end[k]])
+                part = np.linalg.solve(along, start[k] - start[i])
+                if ((part > 0) & (part < 1)).all():
+                    expected.add((k, i))
+    found = true_distance.crossings(start, end, ends)
+    assert {tuple(sorted(map(int, pair))) for pair in found} == expected and len(expected) > 10
+    assert len(found) == len(expected)

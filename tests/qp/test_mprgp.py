@@ -766,3 +766,10 @@ def test_a_ray_without_curvature_is_endless_or_rounding(slope, status):
     with pytest.raises(module._Stop) as stop:
         solver.refuse_endless(np.inf, p, 2 * slope)
     assert stop.value.args[0] == status
+
+
+@pytest.mark.parametrize("start, steps", [([0.0, 0.0], 5), ([1.0, np.inf], 5), ([1.0, np.nan], 5),
+                                          ([1.0, 0.0], 0)])
+def test_a_norm_needs_a_vector_and_a_step(start, steps):
+    with pytest.raises(ValueError, match="start vector"):
+        norm_bound(lambda v: 2 * v, 2, start=start, steps=steps)
