@@ -22,6 +22,7 @@ from driver.march.slip import FAR, SlipState
 from driver.march.step import Unfinished
 from driver.march.uniqueness import CONDENSED_NODES, FEW, SMALL, Uniqueness, too_many, worthwhile
 from driver.options import Settings
+from driver.qp import complementarity
 from driver.qp.branching import Search
 from driver.qp.mprgp import projected_gradient
 
@@ -300,6 +301,9 @@ def test_a_law_and_its_tangent_agree_at_last():
     assert x[0] == pytest.approx(exact, rel=1e-11) and gradient[0] == pytest.approx(0, abs=1e-11)
     assert closure.yielded(x)[0] == pytest.approx(exact**2)
     assert 3 < len(again) < 10 and residuals["complementarity"] <= 1e-12
+    for pulls in (-3.0, -0.5):  # what pulls does not close
+        force, own, slip = closure._state(np.array([pulls]), np.array([-0.25]))
+        assert force[0] == 0.0 and slip[0] == 0.0 and own[0] == closure.offset.sum()
     closure.begin_step(True)  # gaps are those of the step already
     assert one.gap[0] == gap + 0.25 and not closure.slope.any()
     room.tangent = lambda nodes, force, own, slip, reach: (0 * force, 0 * force)
@@ -467,6 +471,19 @@ def test_what_is_said_of_other_solutions():
     failed = Uniqueness(True, examined=1, exhaustive=1, failure="too many")
     assert failed.verdict == "not examined" and "too many" in failed.warnings()[0]
     assert Uniqueness(False).verdict == "unique"
+
+
+@pytest.mark.parametrize("whole, isolated, proofs", [
+    (True, True, 1), (True, False, 0), (False, True, 0), (False, False, 0)])
+def test_a_proof_takes_all_states_and_isolated_solutions(monkeypatch, whole, isolated, proofs):
+    """States of corners leave some out, and a singular system may hide a continuum."""
+    problem = SimpleNamespace(n=1, rows=1, k=0, bilateral=np.zeros(1, bool), whole=lambda x: x)
+    for name, value in (("newton", np.ones(1)), ("all_solutions", [np.ones(1)]),
+                        ("all_isolated", isolated), ("index", 1)):
+        monkeypatch.setattr(complementarity, name, lambda *_, value=value: value)
+    found = Uniqueness(True)
+    found.examine(1, problem, np.ones(1), np.ones(1), whole)
+    assert found.examined == 1 and found.exhaustive == proofs and not found.several
 
 
 @pytest.mark.parametrize("choice, nodes, friction, doubtful, expected", [

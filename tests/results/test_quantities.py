@@ -360,6 +360,8 @@ def test_a_run_has_what_its_scene_gives_sense_to(solved):
     model = solved("model", loading="nonmonotone")
     found, last = model.summary["quantities"], {name: column[-1]
                                                 for name, column in model.history.items()}
+    lengths = np.where(model.contact["status"] != "open", model.contact["weight"], 0.0)
+    np.testing.assert_allclose(model.history["contact_length"], lengths.sum(axis=1), rtol=1e-12)
     assert set(found) == {*contact.Room.quantities, *friction.Room.quantities, "displacement"}
     assert found["normal_resultant"] == pytest.approx(-last["resultant_n"], rel=1e-12)
     assert found["tangential_resultant"] == pytest.approx(last["resultant_t"], rel=1e-12)
