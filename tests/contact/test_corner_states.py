@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
+from driver.contact.beside import Beside
 from driver.contact.corner_nodes import (BOTH, FIRST, MOST, NEITHER, SECOND, STANDING,
                                          CornerNodes)
 from driver.contact.sharing import least_friction
@@ -335,3 +336,13 @@ def test_a_vertex_between_obstacles_that_face_one_another(solved, tmp_path):
         assert one["normal_resultant"] > 0.05
         for name in ("force_x", "force_y", "dissipated_energy"):
             assert one[name] == pytest.approx(other[name], abs=1e-5 * one["normal_resultant"])
+
+
+def test_tractions_beside_a_corner_make_forces_by_its_weight():
+    """Of any rows, the first among them; what other ranks own comes from there."""
+    rows = np.array([[[0, 2], [1, 3]], [[-1, -1], [3, 0]]])
+    near = Beside(rows, np.array([[2.0, 0.5], [1.0, 4.0]]), np.ones(2, bool))
+    x, others = np.array([1.0, 3.0, 5.0, 7.0]), np.zeros((2, 2, 2))
+    others[1, 0] = [8.0, 9.0]
+    comm = SimpleNamespace(allgather=lambda mine: [mine, others])
+    assert near.forces(x, comm).tolist() == [[[2, 10], [1.5, 3.5]], [[8, 9], [28, 4]]]
