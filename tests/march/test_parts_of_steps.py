@@ -19,7 +19,7 @@ from driver.march.friction_qp import FrictionQP
 from driver.march.packing import packed, unpacked
 from driver.march.relaxation import ContactRelaxation
 from driver.march.slip import FAR, SlipState
-from driver.march.step import Unfinished
+from driver.march.step import WINDOW, Trace, Unfinished
 from driver.march.uniqueness import CONDENSED_NODES, FEW, SMALL, Uniqueness, too_many, worthwhile
 from driver.options import Settings
 from driver.qp import complementarity
@@ -557,3 +557,15 @@ def test_methods_are_told_with_their_steps():
     first, second = fallbacks.warnings()
     assert first.startswith("one found") and first.endswith("from step 2 on in 2 of the steps")
     assert second.endswith("from step 3 on in 1 of the steps")
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_contraction_is_the_mean_ratio_over_a_window(seed):
+    """Geometric, of the last WINDOW ratios of changes that are none but zero."""
+    changes = np.random.default_rng(seed).uniform(0.1, 1.0, 3 * WINDOW)
+    ratios = changes[1:] / changes[:-1]
+    mean = np.exp(np.log(ratios[-WINDOW:]).mean())
+    still = np.insert(changes, [3, 2 * WINDOW + 1], 0.0)
+    assert Trace(changes=still.tolist()).contraction == pytest.approx(mean)
+    assert Trace(changes=[1.0, 0.25, 0.0]).contraction == 0.25
+    assert np.isnan(Trace(changes=[1.0]).contraction) and np.isnan(Trace().contraction)

@@ -10,7 +10,7 @@ import pytest
 from test_scenes_hertz import NU, R, hertz
 
 from driver.effects import Effects, contact, friction
-from driver.results import quantities as q, touch
+from driver.results import quantities as q, summary, touch
 from driver.results.record import Record
 from driver.contact.states import OPEN, SLIP, STICK
 
@@ -485,3 +485,29 @@ def test_nodes_that_press_round_are_counted_where_normals_vary():
     flat, both = np.array([-1, -2, 0, 0, 0, 0.0]), np.array([-1, 0, 0, -1, -1, 0.0])
     of.states = {"sigma_n": [flat, both, 0 * flat, 1 + flat]}
     assert [of._pressing_round(k) for k in range(4)] == [0, 3, 0, 0]
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+def test_pressures_at_ends_are_told_beside_the_mean_one(unit):
+    """In contact, by length; without any they are those of nothing. Ends are those of pieces."""
+    x = np.array([0.0, 1.0, 3.0, 4.0])
+    pressure = unit * np.array([1.0, 2.0, 4.0, 0.0])
+    nodes, steps = line(x, pressure > 0, pressure, 0 * x)
+    found = touch.Touch.of(nodes, steps, 0, 0)
+    mean = (1 * 0.5 + 2 * 1.5 + 4 * 1.5) / 3.5
+    np.testing.assert_allclose(found.ends, [[0, 0, 1 / mean], [4, 0, 0]], atol=1e-15)
+    assert found.nodes == 3 and found.edges == pytest.approx(2.0)  # the first side, and the last
+    apart = touch.Touch.of(*line(x, x < 0, 0 * x, unit * (1 + x)), 0, 0)
+    assert not apart.ends[:, 2].any() and apart.apart == unit and apart.nodes == 0
+
+
+def test_a_run_of_cycles_says_where_it_began():
+    """A period before the end of the history; settled from the first of the last settled ones."""
+    rows = [{"cycle": n, "settled": n in (1, 3, 4), "skipped": n, "error": 0.25} for n in range(5)]
+    found = summary._cycles(SimpleNamespace(times=np.array([0.0, 2.0, 5.0]), period=3.0), rows)
+    assert (found["start"], found["period"], found["number"]) == (2.0, 3.0, 4)
+    assert (found["skipped"], found["settled_after"], found["error"]) == (10, 3, 1.25)
+    assert found["last"] is rows[-1]
+    rows[-1]["settled"] = False
+    assert summary._cycles(SimpleNamespace(times=np.array([5.0]), period=3.0),
+                           rows)["settled_after"] is None
