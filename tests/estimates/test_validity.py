@@ -175,12 +175,12 @@ def test_points_in_polygons_and_crossing_edges():
                                                                                     [[2, 0]])
 
 
-def checks():
+def checks(unit=1.0):
     """What checks steps of two boundaries on circular pins; where nothing has been found yet."""
-    R, angle = np.array([2.0, 5.0]), np.linspace(-0.3, 0.3, 13)
+    R, angle = unit * np.array([2.0, 5.0]), np.linspace(-0.3, 0.3, 13)
     ray = np.column_stack([np.sin(angle), -np.cos(angle)])
     n = len(angle)
-    xy = np.concatenate([r * ray + [10 * k, 0] for k, r in enumerate(R)])
+    xy = np.concatenate([r * ray + [10 * unit * k, 0] for k, r in enumerate(R)])
     b = SimpleNamespace(
         gid=np.arange(2 * n), chain=np.repeat([0, 1], n), label=np.repeat([4, 5], n), xy=xy,
         arc=np.concatenate([2 * r * np.sin(0.025) * np.arange(n) for r in R]), gap=np.zeros(2 * n),
@@ -195,12 +195,13 @@ def checks():
     return found
 
 
-def test_nodes_that_touch_are_compared_with_the_obstacle_and_others_are_not():
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+def test_nodes_that_touch_are_compared_with_the_obstacle_and_others_are_not(unit):
     """A node of a bush that slides by s along its pin's tangent is off it by s^2/2R, and its normal
     by s/R: relative to the length in contact. Nodes apart go where they like.
     """
-    found = checks()
-    b, n, s = found.boundary, 13, 0.2
+    found = checks(unit)
+    b, n, s = found.boundary, 13, 0.2 * unit
     status = np.full(2 * n, OPEN)
     status[3:10] = STICK  # of the first pin, where radii are 2; none of the second touches
     tangent = np.column_stack([-b.normal[:, 1], b.normal[:, 0]])
@@ -211,8 +212,8 @@ def test_nodes_that_touch_are_compared_with_the_obstacle_and_others_are_not():
                          {ContactField.STATUS: status, ContactField.U_N: u_n}, None, moved)
     off, turn = found.worst["largest_normal_error"], found.worst["normal_turn"]
     length = 7 * 0.05 * 2
-    assert off.value * length == pytest.approx(np.hypot(2, s) - 2, rel=2e-3)
-    assert turn.value == pytest.approx(np.arctan(s / 2), rel=2e-3)
+    assert off.value * length == pytest.approx(np.hypot(2, 0.2) - 2, rel=2e-3)
+    assert turn.value == pytest.approx(np.arctan(0.1), rel=2e-3)
     assert off.step == turn.step == 7 and off.more == {"paired": False}
     assert found.summary()["normal_turn"] == turn.value
 

@@ -626,8 +626,6 @@ def test_any_split_gives_the_same_bits(exported, tmp_path):
 def test_block_diagonal_products_shared_and_padded():
     """Against one product a member, for blocks that many share, blocks of their own and empty ones.
     """
-    from types import SimpleNamespace
-
     from driver.feti.blocks import BlockDiagonal
 
     rng = np.random.default_rng(31)
@@ -738,3 +736,12 @@ def test_a_dual_problem_has_no_free_bodies_by_default():
     assert one.deformation_by_level(None, None).tolist() == [3.0]
     assert one.least_deformation(None, None) == 3.0 and one.norm_bound(np.ones(2)) is None
     assert one.row_level.tolist() == [0, 0]
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e12])
+def test_stiffness_that_differs_by_rounding_is_shared(unit):
+    """Of pieces cut alike at other places, in any unit; what differs by more is its own."""
+    values = unit * np.random.default_rng(1).standard_normal(50)
+    rounded = values * (1 + 1e-15)
+    assert reduction._same(values, values) and reduction._same(values, rounded)
+    assert not reduction._same(values, values + 1e-6 * np.abs(values).max())

@@ -93,7 +93,7 @@ def same(one, other) -> None:
         for key in one:
             same(one[key], other[key])
     elif np.asarray(one).dtype.kind == "f":
-        np.testing.assert_allclose(other, one, atol=1e-7 * max(np.max(np.abs(one), initial=0.0), 1.0))
+        np.testing.assert_allclose(other, one, atol=1e-7 * max(1.0, np.max(np.abs(one), initial=0)))
     elif isinstance(one, np.ndarray):
         np.testing.assert_array_equal(one, other)
     else:
