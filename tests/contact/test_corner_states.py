@@ -346,3 +346,19 @@ def test_tractions_beside_a_corner_make_forces_by_its_weight():
     others[1, 0] = [8.0, 9.0]
     comm = SimpleNamespace(allgather=lambda mine: [mine, others])
     assert near.forces(x, comm).tolist() == [[[2, 10], [1.5, 3.5]], [[8, 9], [28, 4]]]
+
+
+@pytest.mark.parametrize("away", [0, 1, 2])
+def test_every_corner_ends_its_step(away):
+    """Whether it rests does not depend on those before it: one of two, or none, is away from its
+    corner, or has one condition at a time, and others lie in it.
+    """
+    pairs = np.array([[0, 1], [2, 3]])
+    for alone in (False, True):
+        one = CornerNodes(pairs, pairs, 4 + pairs, pairs, np.arange(2) == (away if alone else 2),
+                          np.zeros((2, 2), bool), np.zeros((2, 2)), np.zeros((2, 2)),
+                          np.tile(-np.eye(2), (2, 1, 1)), np.zeros(2, bool), None)
+        x, gradient = np.ones(8), np.zeros(8)
+        gradient[pairs[away : away + 1]] = 0.0 if alone else 0.5
+        one.end_step(x, gradient, None, np.ones(8), SimpleNamespace(allgather=lambda of: [of]))
+        assert one.rested.tolist() == [away != 0, away != 1]
