@@ -51,16 +51,17 @@ macro gap() (0.01*(x - X)^2) //
 FOLLOWED = STANDS + """macro obstacleX(t) (0.05*t^3) //
 macro largeSliding() 0.5 //
 """
+CASES = {"grid": (GRID, "1", MOVES, {}), "quadratic": (GRID, "1", STANDS, {"element": "P2"}),
+         "follows": (GRID, "1", FOLLOWED, {}), "mesh": (MESH, "1", MOVES, {}),
+         "pair": (PAIR, "5", FIXED, {"element": "P2"})}
 
 
-@pytest.mark.parametrize("body, contact, more, options", [
-    (GRID, "1", MOVES, {}), (GRID, "1", STANDS, {"element": "P2"}), (GRID, "1", FOLLOWED, {}),
-    (MESH, "1", MOVES, {}), (PAIR, "5", FIXED, {"element": "P2"})],
-    ids=["grid", "grid-P2", "grid-follows", "mesh", "pair-P2"])
-def test_an_export_elsewhere_differs_by_its_place(built, named_scene, body, contact, more, options):
+@pytest.mark.parametrize("name", CASES)
+def test_an_export_elsewhere_differs_by_its_place(built, named_scene, name):
     """To rounding, beside the places, which beside the bodies' are those of the curve."""
+    body, contact, more, options = CASES[name]
     text = SCENE.replace("BODY", body).replace("CONTACT", contact).replace("MORE", more)
-    scene = named_scene(f"place{abs(hash((body, more))) % 10**6}", text)
+    scene = named_scene(f"place-{name}", text)
     here, there = (built(scene, reduce=False, steps=3, beside=x, above=y, **options)
                    for x, y in ((0.0, 0.0), AWAY))
     size, shift = 2048.0, np.array(AWAY)  # the largest coordinate: what places round off
