@@ -72,11 +72,11 @@ def test_an_export_elsewhere_differs_by_its_place(built, named_scene, name):
                 same(getattr(one, field.name), getattr(other, field.name))
         assert (one.contact is None) == (other.contact is None)
         if one.contact is not None:
-            for name in ("node", "label", "weight", "normal"):
-                same(getattr(one.contact, name), getattr(other.contact, name))
-            for name, column in one.contact.columns.items():
-                moved = {"pivot_x": shift[0], "pivot_y": shift[1]}.get(name, 0.0)
-                same(column, other.contact.columns[name] - moved)
+            for key in ("node", "label", "weight", "normal"):
+                same(getattr(one.contact, key), getattr(other.contact, key))
+            for key, column in one.contact.columns.items():
+                moved = {"pivot_x": shift[0], "pivot_y": shift[1]}.get(key, 0.0)
+                same(column, other.contact.columns[key] - moved)
     rooms = [problem.manifest.rooms.get("large_sliding", {}) for problem in (here, there)]
     if "curve" in rooms[0]:
         boxes = [np.array(room["box"]).reshape(2, 2) for room in rooms]
