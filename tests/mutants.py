@@ -296,7 +296,7 @@ def main() -> None:
             sys.exit(f"{word}: it takes MODULE= (of {', '.join(PACKAGES)}), OUT= and whole numbers "
                      "COUNT=, SEED=, FIRST=, LIMIT=")
         words[name] = value
-    out = Path(words["OUT"])
+    out = Path(words["OUT"]).resolve()  # tests run in copies
     out.mkdir(parents=True, exist_ok=True)
     if given.change:
         file, old, new = given.change

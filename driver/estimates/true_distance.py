@@ -36,8 +36,8 @@ def obstacle(foot: np.ndarray, normal: np.ndarray, joined=True) -> Curve | None:
     away = -sense * np.column_stack([-along[:, 1], along[:, 0]])
     if ((away * (normal[:-1] + normal[1:])).sum(axis=1)[good]).sum() > 0:
         away = -away
-    rise = (tangent[:-1] * away).sum(axis=1) / np.where(cosine > 0, cosine, 1.0)
-    fall = (tangent[1:] * away).sum(axis=1) / np.where(cosine > 0, cosine, 1.0)
+    steep = np.maximum(cosine, FOLDED)  # good ones are above
+    rise, fall = ((of * away).sum(axis=1) / steep for of in (tangent[:-1], tangent[1:]))
     before, after = good & ~np.r_[False, good[:-1]], good & ~np.r_[good[1:], False]
     return Curve(*(of[good] for of in (foot[:-1], foot[1:], away, rise, fall, before, after)))
 

@@ -135,6 +135,36 @@ def moving(nodes) -> ObstacleMotion:
                           np.zeros((n, 2)), nodes.xy, tangent)
 
 
+def test_nodes_that_face_nothing_yet_have_rows_of_their_own():
+    """Where contact follows the motion: what faces the other body has that one's terms alone, and
+    weights are those of boundaries faced as a whole; without following, only what faces counts.
+    """
+    nodes, skeleton = found()
+    here = np.flatnonzero(nodes.label == 8)
+    nodes.family[here], nodes.meeting = 1, [[(8, 9)]]
+    covered, none = np.arange(len(here)) % 2 == 0, np.zeros(len(here))
+    whole = nodes.weight[here]
+    sides = SimpleNamespace(about=None, couple=lambda pairs, gid, normal, twin, reach: (
+        np.where(covered, 0.5 * whole, 0.0), nodes.length[here], normal, none,
+        (np.flatnonzero(covered), np.full(covered.sum(), 77), np.full(covered.sum(), -1.0),
+         np.ones(covered.sum(), bool))))
+    made = FoundNodes(nodes, chains(nodes, skeleton), ((), np.zeros((0, 1))),
+                      np.zeros(len(nodes.gid), bool), False)
+    follows = made.boundary(nodes.columns["gap"].copy(), None, sides,
+                            SimpleNamespace(reach=1.0))
+    paired = np.flatnonzero(follows.paired)
+    own = [set(follows.term_gid[follows.term_node == k]) for k in paired]
+    assert all(of == ({77} if part > 0 else {follows.gid[k]})
+               for of, part, k in zip(own, follows.covered[paired], paired))
+    assert sorted(follows.covered[paired]) == sorted(0.5 * covered)
+    np.testing.assert_allclose(np.sort(follows.weight[paired]), np.sort(whole))
+    rest = np.flatnonzero(~follows.paired)
+    assert all(follows.term_gid[follows.term_node == k].tolist() == [follows.gid[k]] for k in rest)
+    plain = made.boundary(nodes.columns["gap"].copy(), None, sides)
+    assert plain.paired.sum() == covered.sum() and plain.covered is None
+    np.testing.assert_allclose(np.sort(plain.weight[plain.paired]), np.sort(0.5 * whole[covered]))
+
+
 def test_distances_to_obstacles_that_move():
     b = boundary((np.array([8, 9]), np.zeros((2, 1))), moving)
     assert (b.gap == 100).all() and b.moves

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
+from driver.contact.beside import Beside
 from driver.contact.corner_nodes import (BOTH, FIRST, MOST, NEITHER, SECOND, STANDING,
                                          CornerNodes)
 from driver.contact.sharing import least_friction
@@ -46,7 +47,11 @@ def test_a_corner_takes_the_state_that_its_conditions_ask_for():
     held = corner(bilateral=(True, False))  # never open
     assert switched(held, [0.0, 0.0], [-1e-3, -1e-3]) == (True, FIRST)
     assert switched(held, [0.0, 0.0], [0.0, 1e-3]) == (True, BOTH)
-    assert corner(gap=(1e-3, 0.0)).acting[0] == SECOND  # the side that is nearer
+    for size in (1.0, -1.0, 1e9):  # the side that is nearer, of overlaps as well
+        assert corner(gap=(size + 1e-3 * abs(size), size)).acting[0] == SECOND
+        assert corner(gap=(size, size + 1e-3 * abs(size))).acting[0] == FIRST
+        assert corner(gap=(size, size)).acting[0] == BOTH  # both are
+    assert corner(gap=(1e-3, 0.0)).acting[0] == SECOND
     given = corner(offset=(1.0, 2.0))  # friction that needs no pressure
     assert switched(given, [0.0, 0.0], [-1e-3, -1e-3]) == (True, NEITHER)
     assert given.excluded.tolist() == [0, 1]
@@ -331,3 +336,29 @@ def test_a_vertex_between_obstacles_that_face_one_another(solved, tmp_path):
         assert one["normal_resultant"] > 0.05
         for name in ("force_x", "force_y", "dissipated_energy"):
             assert one[name] == pytest.approx(other[name], abs=1e-5 * one["normal_resultant"])
+
+
+def test_tractions_beside_a_corner_make_forces_by_its_weight():
+    """Of any rows, the first among them; what other ranks own comes from there."""
+    rows = np.array([[[0, 2], [1, 3]], [[-1, -1], [3, 0]]])
+    near = Beside(rows, np.array([[2.0, 0.5], [1.0, 4.0]]), np.ones(2, bool))
+    x, others = np.array([1.0, 3.0, 5.0, 7.0]), np.zeros((2, 2, 2))
+    others[1, 0] = [8.0, 9.0]
+    comm = SimpleNamespace(allgather=lambda mine: [mine, others])
+    assert near.forces(x, comm).tolist() == [[[2, 10], [1.5, 3.5]], [[8, 9], [28, 4]]]
+
+
+@pytest.mark.parametrize("away", [0, 1, 2])
+def test_every_corner_ends_its_step(away):
+    """Whether it rests does not depend on those before it: one of two, or none, is away from its
+    corner, or has one condition at a time, and others lie in it.
+    """
+    pairs = np.array([[0, 1], [2, 3]])
+    for alone in (False, True):
+        one = CornerNodes(pairs, pairs, 4 + pairs, pairs, np.arange(2) == (away if alone else 2),
+                          np.zeros((2, 2), bool), np.zeros((2, 2)), np.zeros((2, 2)),
+                          np.tile(-np.eye(2), (2, 1, 1)), np.zeros(2, bool), None)
+        x, gradient = np.ones(8), np.zeros(8)
+        gradient[pairs[away : away + 1]] = 0.0 if alone else 0.5
+        one.end_step(x, gradient, None, np.ones(8), SimpleNamespace(allgather=lambda of: [of]))
+        assert one.rested.tolist() == [away != 0, away != 1]

@@ -89,3 +89,27 @@ def test_a_node_is_the_sum_of_its_parts():
     assert len(merge_parts(apart, ["gap"], []).gid) == 2
     one = merge_parts(apart, ["gap"], [], one_a_vertex=True)
     assert len(one.gid) == 1 and one.columns["gap"].tolist() == [5.0]
+
+
+CORNER = """include "scene.idp"
+subdomains("1");
+rectangle(0., 2., 0., 1.);
+rotate(20.);
+macro young() 1. //
+macro poisson() 0.3 //
+macro support() on(4, u1 = 0., u2 = 0.) + on(2, u2 = 0.) //
+macro contact() 1, 2 //
+macro friction() 0.5 //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("support, act", [("", 2), (" + on(2, u2 = 0.)", 1)])
+def test_a_support_leaves_a_corner_one_condition_at_a_time(built, named_scene, support, act):
+    """Contact of both sides; where the vertex moves one way alone their rows depend on that."""
+    text = CORNER.replace(" + on(2, u2 = 0.)", support)
+    contact = built(named_scene(f"corner{act}", text), reduce=False, cells=2).structure.contact
+    (one, two, conditions, _), = contact.corners
+    corner = 2 * np.array([np.cos(np.deg2rad(20)), np.sin(np.deg2rad(20))])
+    assert contact.gid[one] == contact.gid[two] and contact.xy[one] == pytest.approx(corner)
+    assert conditions == act

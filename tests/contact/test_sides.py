@@ -5,7 +5,7 @@ import pytest
 
 from driver.contact import joints, rings
 from driver.contact.axis import on_axis, smooth_normals
-from driver.contact.side import Side, rises, sagitta, split
+from driver.contact.side import Side, before_flanks, rises, sagitta, split
 from driver.errors import InputError
 from driver.scene import sides
 
@@ -247,3 +247,20 @@ def test_integrals_over_revolved_sides():
     xy = np.array([[[-1e-17, 0.0], [2.0, 0.0], [1.0, 0.0]]])
     assert sides.integrals(xy, revolved=True).sum() == pytest.approx(4 * np.pi)
     assert sides.densities(xy - [5.0, 0.0], revolved=True).max() == 0.0
+
+
+def test_what_opposes_both_flanks_alike_is_before_both():
+    """Flanks of a corner that face down and to the left; what looks up is before the first alone,
+    what looks right before the second, and between them before either; a flank of another corner,
+    or of one that is a whole side, is before all.
+    """
+    xy = np.array([[0.0, 0.0], [2.0, 0.0], [0.0, 0.0], [0.0, 2.0], [5.0, 0.0], [6.0, 0.0]])
+    edges = np.array([[0, 1], [3, 2], [4, 5]])
+    facing = np.array([[0.0, -1.0], [-1.0, 0.0], [0.0, -1.0]])
+    other = np.array([[0.0, 1.0], [1.0, 0.0], [np.sqrt(0.5), np.sqrt(0.5)]])
+    for twins in ([[0, 2]], [[2, 0]]):
+        able = before_flanks(Side(xy, edges, facing), np.array(twins), other)
+        assert able.tolist() == [[True, False, True], [False, True, True], [True, True, True]]
+    joined_up = np.array([[0, 1], [1, 2], [4, 5]])
+    assert before_flanks(Side(xy, joined_up, facing), np.array([[0, 2]]), other).all()
+    assert before_flanks(Side(xy, edges, facing), np.zeros((0, 2), int), other).all()

@@ -457,3 +457,17 @@ def test_a_cycle_closes_but_for_rounding(history, closed):
     else:
         with pytest.raises(InputError, match="a cycle ends where it begins, but amplitude1"):
             Room("cycles", manifest)
+
+
+@pytest.mark.parametrize("size", [1e-2, 1.0, 1e6])
+def test_a_history_of_any_size_comes_back_to_its_digits(size):
+    """A millionth of a millionth is rounding, a millionth is not; near zero a thousandth counts."""
+    def room(missed):
+        return Room("cycles", types.SimpleNamespace(
+            rooms={"cycles": {"start": 1, "count": 2}}, steps=3, t_end=3.0, patterns=[],
+            amplitudes={1: np.array([0.0, size, -size, size + missed])}))
+
+    assert room(1e-12 * size).repeats == (1, 2)
+    for missed in (1e-6 * size, -1e-6 * size):
+        with pytest.raises(InputError, match="a cycle ends where it begins"):
+            room(missed)

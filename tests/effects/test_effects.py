@@ -9,7 +9,7 @@ import pytest
 
 from driver import effects as effects_of
 from driver.effects import Effects, LoadEffect, RunFacts, slip_law
-from driver.effects import curved as curved_sides
+from driver.effects import curved as curved_sides, initial_state
 from driver.effects.quasistatic import proportional
 from driver.errors import InputError
 from driver.files import read_rows
@@ -92,6 +92,26 @@ def test_a_way_is_as_long_there_and_back(argument, factor):
         last = room.coefficient_factor(np.array([1]), u, before)
         room.step_ends(np.array([1]), np.array([slip]), np.ones(1))
     assert last == pytest.approx(factor)
+
+
+@pytest.mark.parametrize("data", [
+    {}, {"range": 0.0}, {"range": float("inf")}, {"range": "far"}, {"argument": "time"},
+    {"values": [1.0]}, {"values": [1.0, float("nan")]}, {"values": None}, {"values": [1.0, -0.5]}])
+def test_a_law_of_slip_has_a_range_and_factors(data):
+    """What an export says of it otherwise is refused; so is friction that drives."""
+    sound = {"argument": "slip", "range": 10.0, "values": [1.0, 0.5]}
+    slip_law.Room("slip_law", SimpleNamespace(patterns=[], rooms={"slip_law": sound}))
+    given = sound | data if data else {}
+    with pytest.raises(InputError, match="slip_law must have|is negative at slip 10"):
+        slip_law.Room("slip_law", SimpleNamespace(patterns=[], rooms={"slip_law": given}))
+
+
+@pytest.mark.parametrize("initial, steps, slip, active", [
+    (False, 1, 3, ...), (True, 0, 0, None), (True, 2, 0, False), (True, 2, 1, True)])
+def test_an_initial_displacement_matters_where_friction_slides(initial, steps, slip, active):
+    facts = SimpleNamespace(initial=initial, steps=steps, most=lambda state: {"slip": slip}[state])
+    found = initial_state.Room.ledger(None, facts)
+    assert found.get("initial_state", {"active": ...})["active"] is active
 
 
 def test_static_takes_one_step(solved):

@@ -168,3 +168,17 @@ def test_a_free_body_settles_where_it_moves_least():
     change = of.settle(load, np.zeros(4), gradient)  # nothing holds it
     np.testing.assert_allclose(change, [-(3 - 0.25) / 2, -(5 - 0.5) / 0.5], atol=1e-12)
     np.testing.assert_allclose(of.placed, was, atol=1e-12)
+
+
+@pytest.mark.parametrize("contact, friction, index, how", [
+    (False, False, 1, "without contact nothing can balance"),
+    (True, False, 1, "contact cannot balance"), (True, False, 0, "contact cannot balance"),
+    (True, True, 1, "contact and friction cannot balance"),
+    (True, True, 0, "contact without friction cannot balance")])
+def test_why_bodies_do_not_rest_names_what_there_is(contact, friction, index, how):
+    """A preload, step 0, is without friction."""
+    bodies = SimpleNamespace(
+        effects=SimpleNamespace(contact=contact, frictional=friction), _names=FreeBodies._names,
+        operator=SimpleNamespace(structure=SimpleNamespace(rigid_modes=[mode(1)])))
+    said = FreeBodies._why_no_rest(bodies, index, np.array([2.0]))
+    assert said.startswith(f"no equilibrium: {how} the loads on body 2 (2, 0), which")

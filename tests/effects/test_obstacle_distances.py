@@ -75,6 +75,11 @@ def test_even_obstacles_slide_along_their_labels_and_others_do_not():
     at.family[:2] = 1  # between bodies there is no obstacle
     obstacle_motion._refuse_uneven(at, uneven, along)
     at.family[:] = 0
+    for unit in (1e-3, 1.0, 1e6):
+        place = nodes(unit * xy, at.normal, label=at.label, members=at.members)
+        obstacle_motion._refuse_uneven(place, unit * (even + [1e-10, 0, 0, 0, 0]), unit * along)
+        with pytest.raises(InputError, match="label 1 slides"):
+            obstacle_motion._refuse_uneven(place, unit * (even + [1e-7, 0, 0, 0, 0]), unit * along)
     with pytest.raises(InputError, match="label 1 slides"):
         obstacle_motion._refuse_uneven(at, uneven, along)
     with pytest.raises(InputError, match="label 2 slides"):
@@ -145,3 +150,36 @@ def test_what_an_obstacle_does_is_told_by_its_histories():
     still.angle[1, 2] = 0.125
     assert still.histories(np.array([1, 2])) == {"shift_y": [0.0, 0.25]}
     assert still.of(np.array([2])).histories(np.array([0])) == {"angle": [0.0, 0.125]}
+
+
+PAIRS = """include "scene.idp"
+subdomains("6");
+int[int] below = [5, 6, 7, 8];
+addBody(square(6, 4, [2*x, 1 + y]))
+addBody(square(5, 2, [2*x, y], label = below))
+macro contactPair() 1, 7 //
+macro young() 1. //
+macro poisson() 0.3 //
+macro support() on(3, u1 = 0., u2 = 0.) //
+macro contact() 5 //
+quasistatic(1.);
+macro obstacleX(t) (0.25 + t) //
+macro obstacleY(t) (0.5 - t) //
+include "export.idp"
+"""
+
+
+def test_bodies_have_no_motion_of_an_obstacle(built, named_scene):
+    """In whatever order pieces on obstacles and between bodies are exported."""
+    problem = built(named_scene("pairs", PAIRS), reduce=False, steps=2)
+    count = 0
+    for contact in (sub.contact for sub in problem.subdomains if sub.contact is not None):
+        rigid = contact.label == 5
+        count += (~rigid).sum()
+        for k, t in enumerate((0.0, 0.5, 1.0)):
+            for name, value in (("x", 0.25 + t), ("y", 0.5 - t)):
+                np.testing.assert_allclose(contact.column(f"obstacle_{name}@{k}"),
+                                           np.where(rigid, value, 0.0), atol=1e-15)
+        for name in ("obstacle_x_missed", "obstacle_y_missed_at"):
+            assert name in contact.columns and not contact.columns[name][~rigid].any()
+    assert count > 5

@@ -26,6 +26,25 @@ def grid(n):
                                np.column_stack([at, at + n + 2, at + n + 1])])
 
 
+def test_a_body_alone_is_written_with_its_outline(tmp_path):
+    """FreeFEM's format counts from one: vertices, triangles, then sides of the outline."""
+    xy, triangles = grid(2)
+    xy, triangles = np.vstack([xy, xy + 2.0]), np.vstack([triangles, triangles + 9])
+    rim = np.array([[0, 1], [1, 2], [2, 5], [5, 8], [8, 7], [7, 6], [6, 3], [3, 0]])
+    adaptivity.write_sizes(tmp_path / "size", xy, triangles, np.vstack([rim, rim + 9]),
+                           np.arange(18.0))
+    for k in (0, 1):
+        rows = [line.split() for line in (tmp_path / f"size-{k}.msh").read_text().splitlines()]
+        assert rows[0] == ["9", "8", "8"]
+        np.testing.assert_array_equal(np.array(rows[1:10], float)[:, :2], xy[9 * k : 9 * k + 9])
+        inside, sides = (np.array(part, int) for part in (rows[10:18], rows[18:]))
+        np.testing.assert_array_equal(inside[:, :3] - 1, triangles[:8])
+        np.testing.assert_array_equal(sides[:, :2] - 1, rim)
+        data = (tmp_path / f"size-{k}.bin").read_bytes()
+        assert np.frombuffer(data[:8], np.int64)[0] == 9
+        assert np.frombuffer(data[8:]).tolist() == list(range(9 * k, 9 * k + 9))
+
+
 @pytest.mark.parametrize("degree", [1, 2])
 def test_sizes_spread_the_error_evenly(degree):
     rng = np.random.default_rng(3)

@@ -198,12 +198,12 @@ def test_crossing_edges_are_those_that_all_pairs_say(monkeypatch, pairs):
     assert true_distance.crossings(*np.empty((2, 0, 2)), np.empty((0, 2), int)).shape == (0, 2)
 
 
-def checks():
+def checks(unit=1.0):
     """What checks steps of two boundaries on circular pins; where nothing has been found yet."""
-    R, angle = np.array([2.0, 5.0]), np.linspace(-0.3, 0.3, 13)
+    R, angle = unit * np.array([2.0, 5.0]), np.linspace(-0.3, 0.3, 13)
     ray = np.column_stack([np.sin(angle), -np.cos(angle)])
     n = len(angle)
-    xy = np.concatenate([r * ray + [10 * k, 0] for k, r in enumerate(R)])
+    xy = np.concatenate([r * ray + [10 * unit * k, 0] for k, r in enumerate(R)])
     b = SimpleNamespace(
         gid=np.arange(2 * n), chain=np.repeat([0, 1], n), label=np.repeat([4, 5], n), xy=xy,
         arc=np.concatenate([2 * r * np.sin(0.025) * np.arange(n) for r in R]), gap=np.zeros(2 * n),
@@ -218,12 +218,13 @@ def checks():
     return found
 
 
-def test_nodes_that_touch_are_compared_with_the_obstacle_and_others_are_not():
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+def test_nodes_that_touch_are_compared_with_the_obstacle_and_others_are_not(unit):
     """A node of a bush that slides by s along its pin's tangent is off it by s^2/2R, and its normal
     by s/R: relative to the length in contact. Nodes apart go where they like.
     """
-    found = checks()
-    b, n, s = found.boundary, 13, 0.2
+    found = checks(unit)
+    b, n, s = found.boundary, 13, 0.2 * unit
     status = np.full(2 * n, OPEN)
     status[3:10] = STICK  # of the first pin, where radii are 2; none of the second touches
     tangent = np.column_stack([-b.normal[:, 1], b.normal[:, 0]])
@@ -234,8 +235,8 @@ def test_nodes_that_touch_are_compared_with_the_obstacle_and_others_are_not():
                          {ContactField.STATUS: status, ContactField.U_N: u_n}, None, moved)
     off, turn = found.worst["largest_normal_error"], found.worst["normal_turn"]
     length = 7 * 0.05 * 2
-    assert off.value * length == pytest.approx(np.hypot(2, s) - 2, rel=2e-3)
-    assert turn.value == pytest.approx(np.arctan(s / 2), rel=2e-3)
+    assert off.value * length == pytest.approx(np.hypot(2, 0.2) - 2, rel=2e-3)
+    assert turn.value == pytest.approx(np.arctan(0.1), rel=2e-3)
     assert off.step == turn.step == 7 and off.more == {"paired": False}
     assert found.summary()["normal_turn"] == turn.value
 
@@ -370,3 +371,23 @@ def test_scenes_that_ship_are_ok(solved, scene):
     assert entry["verdict"] == "ok"
     # rounding or, on curved boundaries, slip times slope: no part of what polygons lack of curves
     assert entry["largest_normal_error"] < 1e-3
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_edges_cross_where_both_lines_meet_inside(seed):
+    """By the parameters of the point that two lines have in common; edges of one vertex do not."""
+    rng = np.random.default_rng(seed)
+    vertex = rng.standard_normal((24, 2)) * [1.0, 3.0]
+    ends = np.array([rng.choice(24, 2, replace=False) for _ in range(30)])
+    start, end = vertex[ends].transpose(1, 0, 2)
+    expected = set()
+    for i in range(30):
+        for k in range(i):
+            if not set(ends[i]) & set(ends[k]):
+                along = np.column_stack([end[i] - start[i], start[k] - end[k]])
+                part = np.linalg.solve(along, start[k] - start[i])
+                if ((part > 0) & (part < 1)).all():
+                    expected.add((k, i))
+    found = true_distance.crossings(start, end, ends)
+    assert {tuple(sorted(map(int, pair))) for pair in found} == expected and len(expected) > 10
+    assert len(found) == len(expected)

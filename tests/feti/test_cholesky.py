@@ -53,7 +53,14 @@ def test_corners_that_alone_leave_a_body_loose_are_no_obstacle():
 @pytest.mark.parametrize("K", [[[1.0, -1.0], [-1.0, 1.0]], [[1.0, 2.0], [2.0, 1.0]],
                                [[1.0, 0.0], [0.0, 0.0]], [[-1.0, 0.0], [0.0, 1.0]]])
 @pytest.mark.parametrize("seen", [[False, False], [False, True], [True, True]])
-def test_singular_and_indefinite_stiffness_is_refused(K, seen):
-    """Free motions, negative and missing stiffness, inside and where rows act."""
-    with pytest.raises(NoSolution, match="positive definite"):
-        TornFactor(csr_matrix(K), np.arange(2), np.array(seen)).reduced(np.empty(0, int))
+@pytest.mark.parametrize("unit", [1e-12, 1.0, 1e12])
+def test_singular_and_indefinite_stiffness_is_refused(K, seen, unit):
+    """Free motions, negative and missing stiffness, inside and where rows act, in any unit; also
+    where the last bit of a diagonal entry is left.
+    """
+    for last in (1.0, 1.0 + np.finfo(float).eps):
+        with pytest.raises(NoSolution, match="positive definite"):
+            TornFactor(csr_matrix(unit * np.array(K) * [[1.0, 1.0], [1.0, last]]), np.arange(2),
+                       np.array(seen)).reduced(np.empty(0, int))
+    sound = csr_matrix(unit * np.array([[2.0, -1.0], [-1.0, 2.0]]))
+    TornFactor(sound, np.arange(2), np.array(seen)).reduced(np.empty(0, int))

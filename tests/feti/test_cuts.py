@@ -21,6 +21,7 @@ from driver.feti import coarse
 from driver.feti.corners import _spread, corner_vertices
 from driver.feti.dirichlet import DirichletPreconditioner
 from driver.feti.operator import DualOperator
+from driver.feti.rigid_parts import LeastDeformation
 from driver.feti.skeleton import Skeleton
 from driver.march.tearing import build
 
@@ -324,3 +325,45 @@ def test_a_coarse_problem_that_motions_fill_is_regular(built, tmp_path):
     op = built(scene=path).operator
     assert op.coarse.dofs == op.modes == 2
     assert np.abs(op.coarse.solve(np.ones(2))).max() <= 10 * op.rho.max()
+
+
+@pytest.mark.parametrize("cut", ["3", "5"])
+def test_a_shared_coarse_problem_is_the_whole_one(built, tmp_path, monkeypatch, cut):
+    """Bodies on springs as well: solutions, and the inverse at corners of pieces with contact."""
+    path = tmp_path / "hung.edp"
+    path.write_text(HUNG.replace('subdomains("1")', f'subdomains("{cut}")'))
+    problem = built(scene=path)
+    op, structure = problem.operator, problem.structure
+    assert op.modes == 2
+    monkeypatch.setattr(coarse, "LARGE", 0)
+    shared = coarse.CoarseProblem(structure, op.classes, MPI.COMM_SELF)
+    shared.rho = op.coarse.rho
+    forces = np.random.default_rng(1).standard_normal(len(op.coarse.numbers))
+    expected = op.coarse.solve(forces)
+    np.testing.assert_allclose(shared.solve(forces), expected, atol=1e-9 * np.abs(expected).max())
+    near = [s for s, rows in enumerate(structure.rows)
+            if structure.at_contact.has(rows.row).any()]
+    corners = np.unique(np.concatenate([structure.corner_global[s] for s in near]))
+    inverse = op.coarse.inverse(corners)
+    np.testing.assert_allclose(shared.inverse(corners), inverse, atol=1e-9 * np.abs(inverse).max())
+
+
+def test_rigid_motions_of_corners_are_no_deformation(built, tmp_path):
+    """Shifts and turns that supports leave have none; others at most what they deform by."""
+    path = tmp_path / "hung.edp"
+    path.write_text(HUNG.replace('subdomains("1")', 'subdomains("5")').replace(
+        "macro support() on(11, u1 = 0.) //\n", ""))
+    problem = built(scene=path)
+    op, structure = problem.operator, problem.structure
+    least = LeastDeformation(structure, op.classes, MPI.COMM_SELF)
+    order = [s for c in op.classes for s in c.members]
+    dofs = [structure.corner_dofs[s] for s in order]
+    xy = np.concatenate([structure.subdomains[s].xy[d // 2] for s, d in zip(order, dofs)])
+    up = np.concatenate(dofs) % 2 == 1
+    for ax, ay, turn in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.3, -2.0, 1.5)):
+        u = np.where(up, ay + turn * xy[:, 0], ax - turn * xy[:, 1])
+        assert least(u) <= 1e-13 * np.abs(u).max()
+    stretched = np.where(up, 0.0, xy[:, 0])
+    assert 0.1 < least(stretched) <= np.ptp(xy[:, 0])
+    sheared = np.where(up, xy[:, 0], xy[:, 1])  # no turn in the mean
+    assert least(sheared) > 0.1

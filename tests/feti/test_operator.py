@@ -3,6 +3,7 @@
 import dataclasses
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from driver.hard.oracle import Assembled
 from driver import environment
 from driver.feti import reduction
 from driver.feti.dirichlet import DirichletPreconditioner, _inverse
+from driver.feti.dual_problem import DualProblem
 from driver.feti.operator import DualOperator
 from driver.feti.rows import RowKind
 
@@ -624,8 +626,6 @@ def test_any_split_gives_the_same_bits(exported, tmp_path):
 def test_block_diagonal_products_shared_and_padded():
     """Against one product a member, for blocks that many share, blocks of their own and empty ones.
     """
-    from types import SimpleNamespace
-
     from driver.feti.blocks import BlockDiagonal
 
     rng = np.random.default_rng(31)
@@ -681,3 +681,67 @@ def test_rows_are_scaled_by_the_stiffness_they_see(built):
     scale, contact = structure.row_scale, structure.contact
     assert (scale[structure.row_kind == RowKind.GLUING] == 2.0**-10).all()
     assert np.array_equal(scale[contact.normal_row], np.where(contact.xy[:, 0] <= 1, 1.0, 2.0**-10))
+
+
+@pytest.mark.parametrize("about, time, rows, expected", [
+    ("same", 1.0, True, "kept"), ("other", 1.0, True, "taken"), ("same", 2.0, True, "taken"),
+    ("other", 2.0, False, "renewed"), (None, 2.0, True, "kept")])
+def test_contact_that_follows_is_that_of_the_step(about, time, rows, expected):
+    """Its displacements and its time; rows that are others are made anew."""
+    places = {"same": np.zeros(2), "other": np.zeros(2), None: None}
+    now = SimpleNamespace(has_rows_of=lambda contact: rows)
+    made, renewed = [], []
+
+    def follow(u, at):
+        made.append((u, at))
+        return now
+
+    op = object.__new__(DualOperator)
+    contact = SimpleNamespace(about=SimpleNamespace(u=places["same"]), time=1.0,
+                              following=SimpleNamespace(about=follow))
+    op.structure, op.renew = SimpleNamespace(contact=contact), renewed.append
+    op.follow(SimpleNamespace(about=places[about], time=time))
+    found = "kept" if op.structure.contact is contact and not renewed else (
+        "renewed" if renewed == [now] else "taken")
+    assert found == expected and len(made) == (expected != "kept")
+    assert all(u is places[about] and at == time for u, at in made)
+
+
+class Nothing(DualProblem):
+    """A dual problem of two rows that feel nothing."""
+
+    def apply(self, multipliers):
+        return 0 * multipliers
+
+    def dot(self, a, b):
+        return a @ b
+
+    def elastic_response(self, weights):
+        return np.zeros(2)
+
+    def deformation(self, multipliers, weights):
+        return 3.0
+
+    def preconditioner(self):
+        return None
+
+
+def test_a_dual_problem_has_no_free_bodies_by_default():
+    """No motions, springs, work or travel; nothing counted yet, one level of stiffness."""
+    one = Nothing(SimpleNamespace(patterns=3), 2, MPI.COMM_SELF)
+    assert one.products == one.modes == 0 and one.levels == 1 and not one.contact_rows_only
+    assert one.rho.shape == (0,) and one.rigid_work.shape == (2, 3, 0) and one.motions == []
+    assert not one.rigid_response(np.ones(3)).any() and one.softness is None
+    assert [of.shape for of in one.imbalance(np.ones(2), np.ones(3))] == [(0,), (0,)]
+    assert one.deformation_by_level(None, None).tolist() == [3.0]
+    assert one.least_deformation(None, None) == 3.0 and one.norm_bound(np.ones(2)) is None
+    assert one.row_level.tolist() == [0, 0]
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e12])
+def test_stiffness_that_differs_by_rounding_is_shared(unit):
+    """Of pieces cut alike at other places, in any unit; what differs by more is its own."""
+    values = unit * np.random.default_rng(1).standard_normal(50)
+    rounded = values * (1 + 1e-15)
+    assert reduction._same(values, values) and reduction._same(values, rounded)
+    assert not reduction._same(values, values + 1e-6 * np.abs(values).max())

@@ -2,9 +2,13 @@
 changes.
 """
 
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 
 from driver.errors import NotConverged
+from driver.march.condensation import Condensation
 from driver.march.fixed_point import FixedPoint
 from driver.march.step import Unfinished
 from driver.march.step import Load
@@ -95,3 +99,52 @@ def test_forces_that_hide_the_loads_are_no_start(built, steps_of, named_scene, m
     solver, steps = steps_of(built(scene=named_scene("disc", DISC), element="P2"), rtol=1e-10)
     assert solver.failure is None and len(calls) == 2
     assert max(steps[-1].residuals.values()) <= 1e-6
+
+
+def condensed(first: int, last: int, allgather) -> Condensation:
+    """Of one of two ranks, which owns the dual rows `first`, ..., `last` - 1; three contact nodes,
+    one of them without friction.
+    """
+    contact = SimpleNamespace(gid=np.arange(3), normal_row=np.array([6, 1, 4]),
+                              tangential_row=np.array([7, -1, 2]))
+    own = [k for k in (0, 2) if first <= contact.tangential_row[k] < last]
+    operator = SimpleNamespace(structure=SimpleNamespace(contact=contact, row_range=(first, last)),
+                               comm=SimpleNamespace(size=2, allgather=allgather))
+    return Condensation(operator, SimpleNamespace(corners=None, tangential_node=np.array(own)))
+
+
+def test_contact_parts_of_dual_vectors_go_there_and_back():
+    """Normal rows in the order of the nodes, then tangential ones, whoever owns them."""
+    whole, ranks = np.arange(8.0) ** 2, ((0, 5), (5, 8))
+    parts = []
+    for first, last in ranks:
+        condensed(first, last, lambda part: parts.append(part) or [part]).gather(whole[first:last])
+    expected = whole[[6, 1, 4, 7, 2]]
+    np.testing.assert_array_equal(sum(parts), expected)
+    for first, last in ranks:
+        one = condensed(first, last, lambda part: parts)
+        np.testing.assert_array_equal(one.gather(whole[first:last]), expected)
+        placed = one.place(-expected, whole[first:last])
+        changed = np.where(np.isin(np.arange(8), [6, 1, 4, 7, 2]), -whole, whole)[first:last]
+        np.testing.assert_array_equal(placed, changed)
+        assert one.pair.tolist() == [0, 2] and not one.unpaired and one.size == 5
+
+
+@pytest.mark.parametrize("excluded", [[], [1]])
+def test_the_gradient_of_a_condensed_solution_is_that_of_the_operator(monkeypatch, excluded):
+    """F x - d where rows that the states of corners leave out have moved as well."""
+    F, d = np.array([[3.0, 1.0, 0.0], [1.0, 4.0, 1.0], [0.0, 1.0, 5.0]]), np.array([1.0, 2.0, 3.0])
+    solution = np.array([0.5, 0.25, 0.75])
+    one = object.__new__(Condensation)
+    one.guess, one.unpaired, one._rubbing = None, False, np.zeros(0, bool)
+    one.rows = SimpleNamespace(corners=SimpleNamespace(excluded=excluded) if excluded else None)
+    one.operator = SimpleNamespace(products=0, apply=lambda x: F @ x)
+    monkeypatch.setattr(Condensation, "problem", lambda *_: SimpleNamespace(
+        states_of=lambda *_: None, products=2))
+    monkeypatch.setattr(Condensation, "gather", lambda _, x: x)
+    monkeypatch.setattr(Condensation, "place", lambda _, x, into: x.copy())
+    moved = d - F @ solution
+    monkeypatch.setattr(complementarity, "settled", lambda *_: (solution, moved))
+    x, gradient = one.solution(SimpleNamespace(d=d), np.zeros(3), -d, np.zeros(0))
+    assert not x[excluded].any() and one.operator.products == 2
+    np.testing.assert_allclose(gradient, F @ x - d, atol=1e-15)

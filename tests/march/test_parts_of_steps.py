@@ -19,9 +19,10 @@ from driver.march.friction_qp import FrictionQP
 from driver.march.packing import packed, unpacked
 from driver.march.relaxation import ContactRelaxation
 from driver.march.slip import FAR, SlipState
-from driver.march.step import Unfinished
+from driver.march.step import WINDOW, Trace, Unfinished
 from driver.march.uniqueness import CONDENSED_NODES, FEW, SMALL, Uniqueness, too_many, worthwhile
 from driver.options import Settings
+from driver.qp import complementarity
 from driver.qp.branching import Search
 from driver.qp.mprgp import projected_gradient
 
@@ -300,6 +301,9 @@ def test_a_law_and_its_tangent_agree_at_last():
     assert x[0] == pytest.approx(exact, rel=1e-11) and gradient[0] == pytest.approx(0, abs=1e-11)
     assert closure.yielded(x)[0] == pytest.approx(exact**2)
     assert 3 < len(again) < 10 and residuals["complementarity"] <= 1e-12
+    for pulls in (-3.0, -0.5):  # what pulls does not close
+        force, own, slip = closure._state(np.array([pulls]), np.array([-0.25]))
+        assert force[0] == 0.0 and slip[0] == 0.0 and own[0] == closure.offset.sum()
     closure.begin_step(True)  # gaps are those of the step already
     assert one.gap[0] == gap + 0.25 and not closure.slope.any()
     room.tangent = lambda nodes, force, own, slip, reach: (0 * force, 0 * force)
@@ -469,6 +473,19 @@ def test_what_is_said_of_other_solutions():
     assert Uniqueness(False).verdict == "unique"
 
 
+@pytest.mark.parametrize("whole, isolated, proofs", [
+    (True, True, 1), (True, False, 0), (False, True, 0), (False, False, 0)])
+def test_a_proof_takes_all_states_and_isolated_solutions(monkeypatch, whole, isolated, proofs):
+    """States of corners leave some out, and a singular system may hide a continuum."""
+    problem = SimpleNamespace(n=1, rows=1, k=0, bilateral=np.zeros(1, bool), whole=lambda x: x)
+    for name, value in (("newton", np.ones(1)), ("all_solutions", [np.ones(1)]),
+                        ("all_isolated", isolated), ("index", 1)):
+        monkeypatch.setattr(complementarity, name, lambda *_, value=value: value)
+    found = Uniqueness(True)
+    found.examine(1, problem, np.ones(1), np.ones(1), whole)
+    assert found.examined == 1 and found.exhaustive == proofs and not found.several
+
+
 @pytest.mark.parametrize("choice, nodes, friction, doubtful, expected", [
     ("yes", 900, 0.1, False, True), ("no", 1, 9.0, True, False), ("auto", FEW, 0.1, False, True),
     ("auto", FEW + 1, 0.1, False, False), ("auto", SMALL, 0.9, False, True),
@@ -540,3 +557,15 @@ def test_methods_are_told_with_their_steps():
     first, second = fallbacks.warnings()
     assert first.startswith("one found") and first.endswith("from step 2 on in 2 of the steps")
     assert second.endswith("from step 3 on in 1 of the steps")
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_contraction_is_the_mean_ratio_over_a_window(seed):
+    """Geometric, of the last WINDOW ratios of changes that are none but zero."""
+    changes = np.random.default_rng(seed).uniform(0.1, 1.0, 3 * WINDOW)
+    ratios = changes[1:] / changes[:-1]
+    mean = np.exp(np.log(ratios[-WINDOW:]).mean())
+    still = np.insert(changes, [3, 2 * WINDOW + 1], 0.0)
+    assert Trace(changes=still.tolist()).contraction == pytest.approx(mean)
+    assert Trace(changes=[1.0, 0.25, 0.0]).contraction == 0.25
+    assert np.isnan(Trace(changes=[1.0]).contraction) and np.isnan(Trace().contraction)

@@ -14,10 +14,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 from driver import cli, environment
 from driver.effects import Effects
-from driver.march import checkpoint
+from driver.march import checkpoint, saving
 from driver.march.quasistatic import QuasistaticSolver
 from driver.march.saving import restore, snapshot
 from driver.options import Settings
@@ -544,3 +545,26 @@ def test_fifty_random_kills(tmp_path, reference):
               f"went on after step {resumed[-1]}", flush=True)
         shutil.rmtree(folder)
     assert sum(step > 0 for step in resumed) >= 5
+
+
+@pytest.mark.parametrize("takes", [0.125, 1.0])
+def test_checkpoints_take_a_fiftieth_of_the_time(monkeypatch, takes):
+    """Steps take 0.25 s: whatever one checkpoint takes, all of them take SHARE of a long run."""
+    clock, written = [0.0], []
+
+    def write(*_):
+        clock[0] += takes
+        written.append(clock[0])
+
+    monkeypatch.setattr(saving.time, "perf_counter", lambda: clock[0])
+    monkeypatch.setattr(saving.checkpoint, "write", write)
+    for name in ("_gathered", "_stacked", "snapshot"):
+        monkeypatch.setattr(saving, name, lambda *_: {})
+    one = object.__new__(saving.Checkpoints)
+    one.comm, one.next, one.unsaved, one.saved = MPI.COMM_SELF, 0.0, [], []
+    one.solver = one.directory = one.identity = None
+    for _ in range(4000):
+        clock[0] += 0.25
+        one.save(None, [])
+    assert len(written) * takes == pytest.approx(0.02 * clock[0], rel=0.1)
+    assert len(one.saved) + len(one.unsaved) == 4000

@@ -766,3 +766,29 @@ def test_a_ray_without_curvature_is_endless_or_rounding(slope, status):
     with pytest.raises(module._Stop) as stop:
         solver.refuse_endless(np.inf, p, 2 * slope)
     assert stop.value.args[0] == status
+
+
+@pytest.mark.parametrize("start, steps", [([0.0, 0.0], 5), ([1.0, np.inf], 5), ([1.0, np.nan], 5),
+                                          ([1.0, 0.0], 0)])
+def test_a_norm_needs_a_vector_and_a_step(start, steps):
+    with pytest.raises(ValueError, match="start vector"):
+        norm_bound(lambda v: 2 * v, 2, start=start, steps=steps)
+
+
+@pytest.mark.parametrize("expansion", ["cg", "gradient"])
+@pytest.mark.parametrize("seed", range(7))
+def test_decreases_of_all_steps_add_up_to_that_of_f(monkeypatch, seed, expansion):
+    """Of CG, expansion and proportioning steps: stagnation is judged by their sum."""
+    A, b, lower, upper = problem(seed)
+    runs = []
+    monkeypatch.setattr(module._Mprgp, "refuse_stagnation", lambda run: runs.append(run))
+    x0 = corner(seed)
+    found = solve(A, b, lower, upper, x0=x0, expansion=expansion)
+
+    def f(x):
+        return 0.5 * x @ A @ x - b @ x
+
+    drop = f(x0) - f(found.x)
+    assert found.status == "converged" and drop > 0
+    size = np.abs(A).max() * (x0 @ x0 + found.x @ found.x) + np.abs(b) @ (np.abs(x0) + 1)
+    assert runs[-1].decrease == pytest.approx(drop, abs=1e4 * EPS * size)  # of some hundred steps

@@ -12,7 +12,7 @@ import pytest
 from driver import environment
 from driver.contact.states import ContactField
 from driver.files import read_fields, read_table
-from driver.results import outline
+from driver.results import contact_lines, outline
 from driver.results.contact_lines import ContactLines
 
 
@@ -320,3 +320,26 @@ def test_a_pressure_turns_with_its_edges_and_a_pull_does_not(stress):
     push = length[:, None] * stress * (3.0 * normal + 0.5 * turned)
     found = outline._mean_traction(push, length, 5 * normal, outward)
     np.testing.assert_allclose(found, stress * (3.0 * outward + 0.5 * along), rtol=1e-12)
+
+
+@pytest.mark.parametrize("quadratic", [False, True])
+@pytest.mark.parametrize("ring", [False, True])
+def test_lines_are_the_sides_between_contact_nodes(ring, quadratic):
+    """Of quadratic elements their halves; round a ring, and not from end to end of a boundary."""
+    n = 8
+    angle = 2 * np.pi * np.arange(n) / (n if ring else 12)
+    xy = np.column_stack([np.cos(angle), np.sin(angle)])
+    side = np.linalg.norm(np.diff(xy, axis=0), axis=1)
+    gid = 40 - 3 * np.arange(n)
+    b = SimpleNamespace(xy=xy, arc=np.append(0.0, np.cumsum(side)), chain=np.zeros(n, int), gid=gid)
+    pairs = [(k, (k + 1) % n) for k in range(n if ring else n - 1)]
+    edges, middles = [(gid[a], gid[c]) for a, c in pairs], []
+    if quadratic and not ring:
+        pairs.pop()  # seven nodes, three sides
+    if quadratic:
+        edges = [(gid[k], gid[(k + 2) % n]) for k in range(0, len(pairs), 2)]
+        middles = [gid[k + 1] for k in range(0, len(pairs), 2)]
+    structure = SimpleNamespace(contact=SimpleNamespace(declared=b), outer_edges=np.column_stack(
+        [np.array(edges), np.ones(len(edges), int)]), outer_middles=np.array(middles, int))
+    found = contact_lines._lines(structure)
+    assert found.tolist() == sorted(sorted(pair) for pair in pairs)

@@ -10,7 +10,8 @@ import pytest
 from test_scenes_hertz import NU, R, hertz
 
 from driver.effects import Effects, contact, friction
-from driver.results import quantities as q, touch
+from driver.results import quantities as q, summary, touch
+from driver.results.record import Record
 from driver.contact.states import OPEN, SLIP, STICK
 
 A, P0 = 0.3, 2.0
@@ -258,6 +259,12 @@ def test_edges_on_clamped_nodes_and_ends_of_the_boundary():
     clamped = {name: column[1:] for name, column in nodes.items()}  # the first node has no row
     steps = {name: column[:, 1:] for name, column in steps.items()}
     assert values(clamped, steps)["contact_length"] == pytest.approx(1.0, rel=1e-12)
+    # that node alone: the edge to the clamp, and no dual segment beside it; openings that rise
+    # steeply and no further put the edge of contact at the node
+    one = {name: column.copy() for name, column in steps.items()}
+    one["status"][0, 1:] = OPEN
+    one["u_n"][0, 1:] = -np.linspace(1.0, 1.1, 9)
+    assert values(clamped, one)["contact_length"] == pytest.approx(0.1, rel=1e-12)
     # beside the clamp: its edge is open as a whole, the next one in part
     steps["status"][0, 0] = OPEN
     assert 0.8 <= values(clamped, steps)["contact_length"] <= 0.9
@@ -353,6 +360,8 @@ def test_a_run_has_what_its_scene_gives_sense_to(solved):
     model = solved("model", loading="nonmonotone")
     found, last = model.summary["quantities"], {name: column[-1]
                                                 for name, column in model.history.items()}
+    lengths = np.where(model.contact["status"] != "open", model.contact["weight"], 0.0)
+    np.testing.assert_allclose(model.history["contact_length"], lengths.sum(axis=1), rtol=1e-12)
     assert set(found) == {*contact.Room.quantities, *friction.Room.quantities, "displacement"}
     assert found["normal_resultant"] == pytest.approx(-last["resultant_n"], rel=1e-12)
     assert found["tangential_resultant"] == pytest.approx(last["resultant_t"], rel=1e-12)
@@ -456,3 +465,49 @@ def test_a_node_that_is_missing_on_a_curve_does_not_end_it():
     nodes["xy"][1:] = [0.03, 0.97] + 0.03 * np.outer(np.arange(len(angle) - 1), [0, -1])
     nodes["arc"][1:] = 0.06 + 0.03 * np.arange(len(angle) - 1)
     assert [len(piece) for piece in q.chains(nodes)] == [1, len(angle) - 1]
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
+def test_the_step_of_the_quantities_is_that_of_the_largest_where_the_last_is_nothing(unit):
+    """Whatever the unit of forces: what rounding leaves of them is none."""
+    assert q._moment(unit * np.array([1.0, 3.0, 2.0])) == 2
+    assert q._moment(unit * np.array([1.0, 3.0, 3e-14])) == 1 and q._moment(np.zeros(3)) == 0
+
+
+def test_nodes_that_press_round_are_counted_where_normals_vary():
+    """Those without pressure do not make a straight boundary beside a round one count."""
+    turn = np.array([0.0, 0.3, 0.6])
+    round_one = np.column_stack([np.sin(turn), -np.cos(turn)])
+    normal = np.vstack([np.tile([0.0, -1.0], (3, 1)), round_one])
+    of = object.__new__(Record)
+    of.contact = SimpleNamespace(boundary=SimpleNamespace(normal=normal,
+                                                          chain=np.array([0, 0, 0, 1, 1, 1])))
+    flat, both = np.array([-1, -2, 0, 0, 0, 0.0]), np.array([-1, 0, 0, -1, -1, 0.0])
+    of.states = {"sigma_n": [flat, both, 0 * flat, 1 + flat]}
+    assert [of._pressing_round(k) for k in range(4)] == [0, 3, 0, 0]
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+def test_pressures_at_ends_are_told_beside_the_mean_one(unit):
+    """In contact, by length; without any they are those of nothing. Ends are those of pieces."""
+    x = np.array([0.0, 1.0, 3.0, 4.0])
+    pressure = unit * np.array([1.0, 2.0, 4.0, 0.0])
+    nodes, steps = line(x, pressure > 0, pressure, 0 * x)
+    found = touch.Touch.of(nodes, steps, 0, 0)
+    mean = (1 * 0.5 + 2 * 1.5 + 4 * 1.5) / 3.5
+    np.testing.assert_allclose(found.ends, [[0, 0, 1 / mean], [4, 0, 0]], atol=1e-15)
+    assert found.nodes == 3 and found.edges == pytest.approx(2.0)  # the first side, and the last
+    apart = touch.Touch.of(*line(x, x < 0, 0 * x, unit * (1 + x)), 0, 0)
+    assert not apart.ends[:, 2].any() and apart.apart == unit and apart.nodes == 0
+
+
+def test_a_run_of_cycles_says_where_it_began():
+    """A period before the end of the history; settled from the first of the last settled ones."""
+    rows = [{"cycle": n, "settled": n in (1, 3, 4), "skipped": n, "error": 0.25} for n in range(5)]
+    found = summary._cycles(SimpleNamespace(times=np.array([0.0, 2.0, 5.0]), period=3.0), rows)
+    assert (found["start"], found["period"], found["number"]) == (2.0, 3.0, 4)
+    assert (found["skipped"], found["settled_after"], found["error"]) == (10, 3, 1.25)
+    assert found["last"] is rows[-1]
+    rows[-1]["settled"] = False
+    assert summary._cycles(SimpleNamespace(times=np.array([5.0]), period=3.0),
+                           rows)["settled_after"] is None

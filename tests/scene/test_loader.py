@@ -841,3 +841,17 @@ def test_pieces_share_a_stiffness_only_where_it_is_theirs(variant, exported, rea
                  for vertices in sub.triangles]
         np.testing.assert_allclose(sub.elasticity[:, 2, 2], shear, rtol=1e-12)
     assert seal.read(alone).content == seal.read(spread).content
+
+
+@pytest.mark.parametrize("parts", [4, 5, 6, 7, 8])
+def test_no_piece_is_empty_however_many_there_are(built, named_scene, parts):
+    """METIS leaves some empty where a piece gets hardly more than a triangle, of eight."""
+    problem = built(named_scene("few", """include "scene.idp"
+body = square(2, 2);
+macro young() 1. //
+macro poisson() 0.3 //
+macro support() on(4, u1 = 0., u2 = 0.) //
+include "export.idp"
+"""), reduce=False, subdomains=parts)
+    counts = [len(sub.triangles) for sub in problem.subdomains]
+    assert len(counts) == parts and min(counts) >= 1 and sum(counts) == 8
