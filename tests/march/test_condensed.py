@@ -127,7 +127,7 @@ def test_contact_parts_of_dual_vectors_go_there_and_back():
         placed = one.place(-expected, whole[first:last])
         changed = np.where(np.isin(np.arange(8), [6, 1, 4, 7, 2]), -whole, whole)[first:last]
         np.testing.assert_array_equal(placed, changed)
-        assert one.pair.tolist() == [0, 2] and not one.unpaired and one.size == 5
+        assert one.pair.tolist() == [0, 2] and not one.apart.size and one.size == 5
 
 
 @pytest.mark.parametrize("excluded", [[], [1]])
@@ -136,7 +136,7 @@ def test_the_gradient_of_a_condensed_solution_is_that_of_the_operator(monkeypatc
     F, d = np.array([[3.0, 1.0, 0.0], [1.0, 4.0, 1.0], [0.0, 1.0, 5.0]]), np.array([1.0, 2.0, 3.0])
     solution = np.array([0.5, 0.25, 0.75])
     one = object.__new__(Condensation)
-    one.guess, one.unpaired, one._rubbing = None, False, np.zeros(0, bool)
+    one.guess, one.apart, one._rubbing = None, np.zeros(0, int), np.zeros(0, bool)
     one.rows = SimpleNamespace(corners=SimpleNamespace(excluded=excluded) if excluded else None)
     one.operator = SimpleNamespace(products=0, apply=lambda x: F @ x)
     monkeypatch.setattr(Condensation, "problem", lambda *_: SimpleNamespace(
