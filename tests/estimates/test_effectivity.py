@@ -16,7 +16,11 @@ NESTED = [("model", dict(cells=4, steps=2, loading="nonmonotone"), 32),
           ("joint", dict(h=1.6, steps=5), 4), ("mindlin-bodies", dict(h=0.3, steps=3), 3)]
 
 
-@pytest.mark.parametrize("scene, parameters, finer", NESTED)
+LONG = "hertz", "bracket", "wedge", "joint"  # the other scenes have what these have
+
+
+@pytest.mark.parametrize("scene, parameters, finer", [
+    pytest.param(*case, marks=[pytest.mark.slow] * (case[0] in LONG)) for case in NESTED])
 def test_effectivity_against_a_nested_mesh(estimated, split, scene, parameters, finer):
     """The overkill error is too small by the error of the fine mesh itself: the bound must exceed
     it, and not by far.

@@ -46,7 +46,7 @@ def test_the_true_error_meets_the_request(solved, scene, quantity, asked):
     met(solved(scene, accuracy=f"{asked},{quantity}"), quantity, EXACT[scene, quantity], asked)
 
 
-@pytest.mark.parametrize("asked", [0.1, 0.01])
+@pytest.mark.parametrize("asked", [pytest.param(0.1, marks=pytest.mark.slow), 0.01])
 def test_hertz(solved, asked):
     """The closed form gives peak and length for the run's own resultant, to (a/R)^2 = 0.1%.
 
@@ -78,6 +78,7 @@ def test_friction_remembers_the_way_where_twice_the_load_is_not_twice_the_answer
     assert abs(found / truth - 1) <= run.summary["accuracy"]["reached"] <= 0.1
 
 
+@pytest.mark.slow
 def test_a_finer_request_costs_more_and_settings_can_be_repeated_by_hand(solved):
     coarse, fine = (solved("model", loading="nonmonotone", accuracy=a) for a in ("10%", "1%"))
     assert fine.summary["sizes"]["primal_dofs"] > 2 * coarse.summary["sizes"]["primal_dofs"]

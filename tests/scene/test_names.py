@@ -86,7 +86,7 @@ macro pairGap() 1e-3*x*ONE //
 macro tresca() 1e5*(1 + y)*ONE //
 include "export.idp"
 """
-DEFAULT = ("plane-P1", "plane-P2-mixed", "bodies-P1")
+DEFAULT = ("plane-P1", "bodies-P1")
 CASES = [pytest.param(scene, element, id=f"{name}-{element}",
                       marks=[pytest.mark.slow] * (f"{name}-{element}" not in DEFAULT))
          for name, scene, elements in (("plane", PLANE, ("P1", "P2", "P2-mixed")),

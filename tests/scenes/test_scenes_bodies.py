@@ -440,6 +440,7 @@ def test_ranks_do_not_change_a_bit(solved):
 
 # --------------------------------------------------------------------------------- bolted lap joint
 
+@pytest.mark.slow  # as those of test_any_cut
 def test_joint_does_not_depend_on_the_partition(solved):
     one, other = (solved("joint", h=1.6, steps=10, subdomains=s).summary for s in ("8", "3"))
     # friction is settled to 1e-6, and work lost adds up over ten steps of micro-slip

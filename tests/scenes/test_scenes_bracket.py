@@ -20,6 +20,7 @@ def assert_same(run, other):
         assert np.abs(run.contact[name] - other.contact[name]).max() <= tolerance * size, name
 
 
+@pytest.mark.slow  # as those of test_any_cut
 def test_partition_independent(solved):
     runs = [solved("bracket", SUBDOMAINS=parts, H=6, STEPS=6, **TIGHT) for parts in (4, 9, 16)]
     for run in runs:
