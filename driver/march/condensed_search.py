@@ -67,7 +67,7 @@ class CondensedSearch:
     def _search(self, index: int, load: Load, x, trace: Trace, rtol: float) -> tuple | None:
         """Multipliers, gradient, friction coefficients and motions of a solution, or None."""
         rows, changes = self.rows, self.slip.effects.coefficient_changes
-        secants, method = Anderson(self._dot, LAW_SECANTS, 1.0), globalization.NEWTON
+        secants, method = Anderson(self.dot, LAW_SECANTS, 1.0), globalization.NEWTON
         best, idle, answer = np.inf, 0, None
         x, gradient = self._glued(index, load, x, trace)
         for _ in range(PASSES):
@@ -96,8 +96,8 @@ class CondensedSearch:
     # ---- one pass --------------------------------------------------------------------------------
     def _settled(self, load: Load, x, change: np.ndarray, rtol: float) -> bool:
         """Whether friction bounds (j,) and bodies change no more."""
-        pressing = self._norm(self.rows.normal, x[self.rows.normal])
-        return (self._norm(self.rows.tangential, change) <= rtol * pressing
+        pressing = self.norm(self.rows.normal, x[self.rows.normal])
+        return (self.norm(self.rows.tangential, change) <= rtol * pressing
                 and self.bodies.imbalance(load, x) <= rtol)
 
     def _missed(self, x, gradient, bound: np.ndarray) -> tuple[float, float]:
@@ -200,13 +200,13 @@ class CondensedSearch:
         """Move bodies to `motion` (modes,)."""
         self.bodies.shift(load, motion - self._motion(load))
 
-    def _norm(self, rows: np.ndarray, values: np.ndarray) -> float:
+    def norm(self, rows: np.ndarray, values: np.ndarray) -> float:
         """Euclidean norm of `values` on `rows`."""
         full = np.zeros(self.operator.owned)
         full[rows] = values
         return np.sqrt(self.operator.dot(full, full))
 
-    def _dot(self, a: np.ndarray, b: np.ndarray) -> float:
+    def dot(self, a: np.ndarray, b: np.ndarray) -> float:
         """Scalar product of values on the tangential rows."""
         full = np.zeros((2, self.operator.owned))
         full[:, self.rows.tangential] = a, b

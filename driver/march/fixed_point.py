@@ -78,7 +78,7 @@ class FixedPoint:
             if not (coupled or free):
                 return x, gradient, sliding
             loose = self.bodies.imbalance(load, x)
-            trace.changes.append(max(change, loose * self._norm(x[rows.normal])))
+            trace.changes.append(max(change, loose * self._pressing(x)))
             if loose <= self.rtol and self._settled(change, result):
                 return x, gradient, sliding
             taken += 1
@@ -97,7 +97,7 @@ class FixedPoint:
                 solution = self._eliminated(index, load, x, trace)
                 if solution is not None:
                     return solution
-            if loose > self.rtol and change <= SETTLING * self._norm(x[rows.normal]):
+            if loose > self.rtol and change <= SETTLING * self._pressing(x):
                 # before, friction is too far off to say where to
                 gradient = gradient - self.bodies.lead(load, x, secants)
             # for given gluing multipliers bodies may move too far, and back again after the next QP
@@ -170,8 +170,10 @@ class FixedPoint:
         if not coupled:
             return result, 0.0
         self.slip.renew_coefficient(result.gradient)
-        return result, max(self._norm(result.x[self.rows.normal] - x[self.rows.normal]),
-                           self._norm(self.rows.friction_bound(result.x) - bound, tangential=True))
+        return result, max(self.search.norm(self.rows.normal,
+                                            result.x[self.rows.normal] - x[self.rows.normal]),
+                           self.search.norm(self.rows.tangential,
+                                            self.rows.friction_bound(result.x) - bound))
 
     def _reduction(self, trace: Trace) -> float:
         """Residual reduction of a QP of the fixed point."""
@@ -182,7 +184,7 @@ class FixedPoint:
 
     def _target(self, x) -> float:
         """What changes of pressures and friction bounds are to fall below, near x."""
-        pressing = max(self._norm(x[self.rows.normal]), self.qp.scales.faded("pressing"))
+        pressing = max(self._pressing(x), self.qp.scales.faded("pressing"))
         return self.rtol * pressing
 
     def place(self, load: Load) -> tuple[np.ndarray, np.ndarray | None]:
@@ -273,7 +275,7 @@ class FixedPoint:
         rows, op, changes, j = self.rows, self.operator, [], len(self.rows.tangential)
         softness = op.rho if op.modes else 1.0
         point = np.append(rows.friction_bound(x), load.weights[op.structure.patterns :] / softness)
-        method = Anderson(lambda a, b: self._tangential_dot(a[:j], b[:j]) + a[j:] @ b[j:])
+        method = Anderson(lambda a, b: self.search.dot(a[:j], b[:j]) + a[j:] @ b[j:])
         while not (changes and gives_up(changes)):
             trace.iterations += 1
             bound = np.maximum(point[:j], 0.0)
@@ -282,7 +284,7 @@ class FixedPoint:
             result, change = self._approximate(index, trace, load.d, x, bound, reduction)
             x, sliding = result.x, rows.sliding(result.x, bound)
             loose = self.bodies.imbalance(load, x)
-            changes.append(max(change, loose * self._norm(x[rows.normal])))
+            changes.append(max(change, loose * self._pressing(x)))
             if loose <= self.rtol and self._settled(change, result):
                 self.history.fallbacks.note(globalization.ANDERSON, index)
                 return x, result.gradient, sliding
@@ -291,18 +293,6 @@ class FixedPoint:
                                 np.append(rows.friction_bound(x), point[j :] + net))
         return None
 
-    # ---- norms of values on contact rows -------------------------------------------------------
-    def _on(self, rows: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """The dual vector with `values` on `rows` and zero elsewhere."""
-        full = np.zeros(self.operator.owned)
-        full[rows] = values
-        return full
-
-    def _norm(self, values: np.ndarray, tangential: bool = False) -> float:
-        """Euclidean norm of values on the normal (or tangential) rows."""
-        full = self._on(self.rows.tangential if tangential else self.rows.normal, values)
-        return np.sqrt(self.operator.dot(full, full))
-
-    def _tangential_dot(self, a: np.ndarray, b: np.ndarray) -> float:
-        """Scalar product of values on the tangential rows."""
-        return self.operator.dot(*(self._on(self.rows.tangential, values) for values in (a, b)))
+    def _pressing(self, x: np.ndarray) -> float:
+        """Norm of the normal multipliers in x."""
+        return self.search.norm(self.rows.normal, x[self.rows.normal])
