@@ -1,12 +1,13 @@
 """What is tried, in this order, where successive approximations do not contract.
 
 1. Anderson acceleration of the same map, with its QPs: a few more products.
-2. The contact rows alone, condensed: semismooth Newton from the last iterate, and where that does
-   not settle Lemke's method, which finds a solution for any friction coefficient. It may fail for
-   bodies without support and contact that pulls: then branch and bound over all states, which
-   may prove that there is no solution, friction that grows from less, states that violate the law
-   less and less, and one mixed-integer program for all states. Where slip changes friction, a
-   solution with given coefficients is the start for that with those of its own slip.
+2. The contact rows alone, condensed: semismooth Newton from the last iterate, or from successive
+   approximations beside it, and where that does not settle Lemke's method, which finds a solution
+   for any friction coefficient. It may fail for bodies without support and contact that pulls: then
+   branch and bound over all states, which may prove that there is no solution, friction that grows
+   from less, states that violate the law less and less, and one mixed-integer program for all
+   states. Where slip changes friction, a solution with given coefficients is the start for that
+   with those of its own slip.
 
 Smaller steps are not among them: a time step has a solution whatever its size.
 """
@@ -54,7 +55,7 @@ def solve_condensed(problem: CoulombProblem, start: np.ndarray) -> tuple[np.ndar
 
     With NO_STATE for the method where there is none.
     """
-    z = complementarity.newton(problem, start)
+    z = complementarity.approached(problem, start)
     if z is not None:
         return z, NEWTON
     ways = [(LEMKE, lambda: complementarity.lemke(problem))]

@@ -4,8 +4,8 @@ An iteration of the fixed point changes pressures and friction bounds by a facto
 before and takes some products with F: so many are to come until the tolerance. To eliminate the
 gluing rows and corners (feti/fronts.py) has a price in products that follows from sizes alone;
 then Newton's method on the contact rows (P. Alart, A. Curnier, CMAME 92 (1991) 353-375) ends in a
-solution at once. What is cheaper is done. It is decided from counts, in every step anew: neither
-ranks nor an interruption change it.
+solution at once, or after successive approximations on these rows alone. What is cheaper is done.
+It is decided from counts, in every step anew: neither ranks nor an interruption change it.
 """
 
 import numpy as np
@@ -102,7 +102,7 @@ class Shortcut:
             if number == PASSES:
                 return None
             problem = self.condensation.problem(load, x, gradient)
-            z = complementarity.newton(problem, problem.whole(self.condensation.gather(x)))
+            z = complementarity.approached(problem, problem.whole(self.condensation.gather(x)))
             if z is None:
                 return None
             x = self.condensation.place(z, x)

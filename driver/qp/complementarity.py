@@ -11,6 +11,7 @@ DISTINCT = 1e-6  # solutions nearer than this part of the largest multiplier are
 MANY = 9  # solutions after which no more are looked for
 NEWTON_STEPS = 50
 LAST = 4  # iterates of which one is the solution, if any was found
+APPROXIMATIONS = 8  # of friction bounds, each a start for Newton's method
 BRIEFLY = 8  # Newton steps from one of many starts
 NEAR = 10  # nodes whose states differ from a solution's at most for a start to be near it
 A_FEW = 4  # nodes that may change their states again and again before Newton's method settles
@@ -47,6 +48,25 @@ def newton(problem: CoulombProblem, start: np.ndarray,
     # at a solution states come again at once, on the border of some after a few turns
     last = [start, *visited[-LAST:]]
     return next((x for x in reversed(last) if problem.solves(x)), None)
+
+
+def approached(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
+    """A solution by Newton's method from `start` z, or from successive approximations to one.
+
+    Where pressure and friction overtake one another Newton's method goes to and fro between the
+    same states. An approximation solves the problem with the friction bounds of the one before (J.
+    Haslinger, I. Hlavacek, J. Necas, Handbook of Numerical Analysis IV (1996) 313-485): one or two
+    are near enough. None if no start leads to a solution, or an approximation is not found.
+    """
+    z, given = start, np.zeros(problem.m)
+    for _ in range(APPROXIMATIONS):
+        solution = newton(problem, z)
+        if solution is not None or not problem.coefficient.any():
+            return solution
+        z = newton(problem.under(problem.load, given, offset=problem.bounds(z)), z)
+        if z is None:
+            break
+    return None
 
 
 def settled(problem: CoulombProblem, start: np.ndarray, move: np.ndarray,

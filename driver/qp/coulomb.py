@@ -145,13 +145,16 @@ class CoulombProblem:
         states, x = self.states(z), z.copy()
         x[: self.n][states <= OPEN] = 0.0
         along, state = x[self.n : self.rows], np.abs(states[self.pair])
-        bound = self.coefficient * np.abs(x[self.pair])
-        if self.offset is not None:
-            bound = bound + self.offset
+        bound = self.bounds(x)
         along[state == FORWARD] = bound[state == FORWARD]
         along[state == BACKWARD] = -bound[state == BACKWARD]
         along[state == OPEN] = 0.0
         return x
+
+    def bounds(self, z: np.ndarray) -> np.ndarray:
+        """(m,) friction bounds of the forces lambda_n in z."""
+        bound = self.coefficient * np.abs(z[self.pair])
+        return bound if self.offset is None else self.offset + bound
 
     def choices(self, node: int) -> tuple[int, ...]:
         """The states that a node may be in."""
@@ -210,9 +213,7 @@ class CoulombProblem:
         normal, tangential = x[: self.n], x[self.n :]
         forces = self.rigidity * move
         over, slip = forces[: self.n], forces[self.n :]
-        bound = self.coefficient * np.abs(normal)[self.pair]
-        if self.offset is not None:
-            bound = self.offset + bound
+        bound = self.bounds(x)
         natural = np.where(self.bilateral, over, normal - np.maximum(normal + over, 0))
         rub = tangential - np.clip(tangential + slip, -bound, bound)
         net = (self.balance - self.motions.T @ x) / self.reach
