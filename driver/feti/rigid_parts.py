@@ -4,8 +4,10 @@ The rigid motion Pi u of a body that is nearest to its displacements u in L2,
 
     int_body R_i . (u - R c) = 0,      Pi u = R c,      R = (along x, along y, turning),
 
-depends neither on how the body is cut nor on where it is, and the largest |u - Pi u| of a node
-measures its deformation. R is linear, so that products with R need the mass matrix of an element.
+depends neither on how the body is cut nor on where it is. R is linear, so that products with R need
+the mass matrix of an element. What the body deforms by is the largest |u - R c| of a vertex, with
+the integral by the corners of triangles: so stiff parts are measured (stiff_parts.py), and linear
+and quadratic elements alike. A node between vertices may move far by the force on it alone.
 The corners tell less of it for the price of a coarse solution: see `LeastDeformation`.
 """
 
@@ -41,11 +43,18 @@ class RigidParts:
                 # no BLAS product, which may round a row by how many there are on the rank
                 each = area[:, None] * (self._away[nodes, c][:, :, None] * unit).sum(axis=1)
                 self._moment[:, c] = np.bincount(nodes.ravel(), each.ravel(), len(xy))
-        self._mass = mass
-        columns = [self._products(motion) for motion in self._motions().transpose(2, 0, 1)]
-        self.gram = np.stack(columns, axis=2)
-        missing = self.bodies.possible == 0
-        self.gram[:, missing, missing] = 1.0  # their factors are zero
+        self._mass, self._at_corners = mass, np.zeros(len(xy))
+        if subs:
+            self._at_corners += np.bincount(nodes[:, :3].ravel(), np.repeat(area / 3, 3), len(xy))
+        self.gram = self._gram(self._products)
+        self._corner_gram = self._gram(self._corner_products)
+
+    def _gram(self, products) -> np.ndarray:
+        """(bodies, 3, 3) `products` of R with itself."""
+        columns = [products(motion) for motion in self._motions().transpose(2, 0, 1)]
+        gram, missing = np.stack(columns, axis=2), self.bodies.possible == 0
+        gram[:, missing, missing] = 1.0  # their factors are zero
+        return gram
 
     def coefficients(self, fields: list[np.ndarray]) -> np.ndarray:
         """(bodies, 3) factors c of Pi u."""
@@ -53,11 +62,14 @@ class RigidParts:
         return np.linalg.solve(self.gram, work[:, :, None])[:, :, 0]
 
     def deformation(self, fields: list[np.ndarray]) -> float:
-        """Largest |u - Pi u| of a node."""
-        rigid = self.coefficients(fields)[self._body]
-        deformed = joined(fields, float).reshape(-1, 2) - rigid[:, :2]
+        """Largest |u - R c| of a vertex, c by the corners of triangles."""
+        u = joined(fields, float).reshape(-1, 2)
+        work = self._corner_products(u)[:, :, None]
+        rigid = np.linalg.solve(self._corner_gram, work)[:, :, 0][self._body]
+        deformed = u - rigid[:, :2]
         deformed -= rigid[:, 2:] * np.column_stack([-self._away[:, 1], self._away[:, 0]])
-        largest = float((deformed**2).sum(axis=1).max(initial=0.0))
+        moved = np.where(self._at_corners > 0, (deformed**2).sum(axis=1), 0.0)
+        largest = float(moved.max(initial=0.0))
         return float(np.sqrt(self.comm.allreduce(largest, op=MPI.MAX)))
 
     def _motions(self) -> np.ndarray:
@@ -69,8 +81,17 @@ class RigidParts:
 
     def _products(self, u: np.ndarray) -> np.ndarray:
         """(bodies, 3) int R . u for displacements u (nodes, 2) of the rank's subdomains."""
-        x, y = self._mass * u[:, 0], self._mass * u[:, 1]
-        turned = self._moment[:, 0] * u[:, 1] - self._moment[:, 1] * u[:, 0]
+        return self._work(u, self._mass, self._moment)
+
+    def _corner_products(self, u: np.ndarray) -> np.ndarray:
+        """(bodies, 3) the same by the corners of triangles."""
+        return self._work(u, self._at_corners, self._at_corners[:, None] * self._away)
+
+    def _work(self, u: np.ndarray, mass: np.ndarray, moment: np.ndarray) -> np.ndarray:
+        """(bodies, 3) work of displacements u (nodes, 2) on R with `mass` (nodes,) and its moment.
+        """
+        x, y = mass * u[:, 0], mass * u[:, 1]
+        turned = moment[:, 0] * u[:, 1] - moment[:, 1] * u[:, 0]
         parts = np.zeros((0, 3))
         if len(u):
             parts = np.add.reduceat(np.column_stack([x, y, turned]), self._starts[:-1], axis=0)
@@ -80,15 +101,17 @@ class RigidParts:
 class LeastDeformation:
     """A lower bound of the deformation by displacements of the corners. Collective over `comm`.
 
-    The mean of |u - R c|^2 over the corner dofs of a body, with the c that makes it least, is not
-    larger than with the c of Pi u, and that not larger than the largest square: the root of the
-    mean is at most the `deformation` of `RigidParts`.
+    The mean of |u - R c|^2 over the corner dofs of a body at vertices, with the c that makes it
+    least, is not larger than with any other c, and that not larger than the largest square: the
+    root of the mean is at most the `deformation` of `RigidParts`.
     """
 
     def __init__(self, structure, classes, comm):
         self.comm, self.bodies = comm, structure.travel.bodies
         members = [s for c in classes for s in c.members]  # as the coarse problem stacks them
         dofs = [structure.corner_dofs[s] for s in members]
+        self._at_vertices = joined(
+            (_vertices(structure.subdomains[s])[d // 2] for s, d in zip(members, dofs)), bool)
         self._local = np.repeat(np.array(members, int), [len(d) for d in dofs])
         self._subdomains = len(structure.subdomains)
         self._body = self.bodies.number[structure.first + self._local].astype(int)
@@ -96,15 +119,15 @@ class LeastDeformation:
         away = (xy - self.bodies.center[self._body]) / self.bodies.size[self._body, None]
         across = joined(dofs, int) % 2 == 1
         self._R = np.column_stack([~across, across, np.where(across, away[:, 0], -away[:, 1])])
-        self._R = self._R * self.bodies.possible
-        self._count = self._sums(np.ones((len(self._R), 1)))
+        self._R = self._R * self.bodies.possible * self._at_vertices[:, None]
+        self._count = self._sums(self._at_vertices[:, None] * 1.0)
         gram = self._sums((self._R[:, :, None] * self._R[:, None, :]).reshape(-1, 9))
         self._inverse = np.linalg.pinv(gram.reshape(-1, 3, 3), hermitian=True)
 
     def __call__(self, corner: np.ndarray) -> float:
         """The bound for displacements of the rank's stacked corner dofs."""
         factors = (self._inverse @ self._sums(self._R * corner[:, None])[:, :, None])[:, :, 0]
-        deformed = corner - (self._R * factors[self._body]).sum(axis=1)
+        deformed = self._at_vertices * corner - (self._R * factors[self._body]).sum(axis=1)
         mean = self._sums(deformed[:, None]**2) / np.maximum(self._count, 1)
         return float(np.sqrt(mean.max(initial=0.0)))
 
@@ -112,6 +135,13 @@ class LeastDeformation:
         """(bodies, k) sums of `values` (corner dofs, k)."""
         parts = np.column_stack([np.bincount(self._local, v, self._subdomains) for v in values.T])
         return _by_body(parts, self.bodies, self.comm)
+
+
+def _vertices(sub) -> np.ndarray:
+    """(nodes,) whether a node of the subdomain is a vertex."""
+    vertex = np.zeros(len(sub.xy), bool)
+    vertex[sub.triangles] = True
+    return vertex
 
 
 def _by_body(parts: np.ndarray, bodies, comm) -> np.ndarray:

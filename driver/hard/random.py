@@ -18,6 +18,7 @@ import numpy as np
 from .. import environment
 from ..errors import DriverError
 from ..text import assignments
+from . import inverted
 from .case import KKT, TIGHT, Outcome, read_results
 from .generator import RandomScene, draw
 from .report import Row
@@ -201,13 +202,23 @@ def _named(cut: dict[str, str]) -> str:
 
 
 def _refused_by_intent(scene: RandomScene, verdict: Verdict) -> Verdict:
-    """Bad scenes are refused with exit 2 and the right words, others are not."""
+    """Bad scenes are refused with exit 2 and the right words, others are not.
+
+    But for arcs on a mesh that is too coarse for them, which the generator does not know.
+    """
     first = verdict.outcomes[0]
-    said = scene.refusal and all(outcome.status == 2 and scene.refusal in outcome.message
-                                 for outcome in verdict.outcomes)
-    verdict.status = "refused" if said else "FAILED"
-    verdict.why = f"exit {first.status}: {first.message}" if said else (
-        f"{scene.declared.get('spoilt', 'a sound scene')}: exit {first.status} {first.message}")
+
+    def all_say(words: str) -> bool:
+        return bool(words) and all(outcome.status == 2 and words in outcome.message
+                                   for outcome in verdict.outcomes)
+
+    said = f"exit {first.status}: {first.message}"
+    argument = inverted.confirmed(scene.text, {**scene.options, **scene.cuts[0]}) if (
+        all_say(inverted.SAID)) else ""
+    verdict.status = "refused" if argument or all_say(scene.refusal) else "FAILED"
+    verdict.why = f"{said}; {argument}" if argument else said
+    if verdict.status == "FAILED":
+        verdict.why = f"{scene.declared.get('spoilt', 'a sound scene')}: {said}"
     return verdict
 
 

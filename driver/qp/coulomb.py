@@ -198,6 +198,8 @@ class CoulombProblem:
         Forces are those at z, of overlaps that the load alone would make, and of motions. Openings
         may be of any size and take no force: they count by what their rounding is worth. So do
         forces beyond JAMMED times those of loads: with much friction bodies may jam under any.
+        Balance is relative to what acts on motions, if that is less: the lips of a slit may press
+        one another by any force, of which the body that lies loose feels nothing.
         """
         x, move = z[: self.rows], self.movement(z)
         work = np.abs(self.balance / self.reach).max(initial=0)
@@ -216,8 +218,11 @@ class CoulombProblem:
         bound = self.bounds(x)
         natural = np.where(self.bilateral, over, normal - np.maximum(normal + over, 0))
         rub = tangential - np.clip(tangential + slip, -bound, bound)
-        net = (self.balance - self.motions.T @ x) / self.reach
-        return float(max(np.abs(part).max(initial=0) for part in (natural, rub, net)) / force)
+        net = np.abs(self.balance - self.motions.T @ x) / self.reach
+        acting = (np.abs(self.balance) + np.abs(self.motions).T @ np.abs(x)) / self.reach
+        acting = min(force, acting.max(initial=0)) or force
+        return float(max(np.abs(natural).max(initial=0) / force, np.abs(rub).max(initial=0) / force,
+                         net.max(initial=0) / acting))
 
     def solves(self, z: np.ndarray | None) -> bool:
         """Whether z obeys the law to rounding."""

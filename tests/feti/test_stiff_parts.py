@@ -111,3 +111,36 @@ def test_a_state_without_forces_leaves_no_scale(built, steps_of, named_scene):
     known = solver.scales.displacements.copy(), solver.scales.force
     assert x.any() and solver.residuals.free_of_forces(load, x) is None
     assert (solver.scales.displacements == known[0]).all() and solver.scales.force == known[1]
+
+
+@pytest.mark.parametrize("element, cut", [("P1", "3"), ("P2", "1x1"), ("P2", "3")])
+def test_bodies_deform_by_what_their_vertices_do(built, named_scene, element, cut):
+    """Least squares by the corners of all triangles as the judge of random scenes has them.
+
+    Middles of quadratic sides that move a hundred times as far, each by the force on it alone, are
+    no scale. A mean over vertices is no more than that, one over middles would be.
+    """
+    problem = built(scene=named_scene("columns", COLUMNS), element=element, subdomains=cut, cells=4)
+    structure, parts = problem.structure, problem.operator.rigid_parts
+    fields, places, moved, weights = [], [], [], []
+    for sub in structure.subdomains:
+        x, y = sub.xy.T
+        u = np.column_stack([3 - 0.7 * y + np.sin(x), 2 + 0.7 * x + x * y])
+        at, vertex = sub.xy[sub.triangles], np.unique(sub.triangles)
+        one, other = at[:, 1] - at[:, 0], at[:, 2] - at[:, 0]
+        area = np.abs(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]) / 2
+        places.append(at.reshape(-1, 2))
+        moved.append(u[sub.triangles].reshape(-1, 2))
+        weights.append(np.repeat(area, 3))
+        u[np.setdiff1d(np.arange(len(u)), vertex)] += 100.0
+        fields.append(u.ravel())
+    (x, y), u = np.concatenate(places).T, np.concatenate(moved)
+    one, none = np.ones(len(x)), np.zeros(len(x))
+    rigid = np.stack([[one, none, -y], [none, one, x]]).transpose(2, 0, 1).reshape(-1, 3)
+    root = np.repeat(np.sqrt(np.concatenate(weights)), 2)
+    factors = np.linalg.lstsq(root[:, None] * rigid, root * u.ravel(), rcond=None)[0]
+    expected = np.linalg.norm(u - (rigid @ factors).reshape(-1, 2), axis=1).max()
+    assert parts.deformation(fields) == pytest.approx(expected, rel=1e-12)
+    corners = [fields[s][structure.corner_dofs[s]] for c in problem.operator.classes
+               for s in c.members]
+    assert problem.operator._least(np.concatenate(corners)) <= expected

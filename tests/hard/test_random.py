@@ -14,8 +14,8 @@ from scipy.sparse import csr_matrix
 from driver import environment
 from driver.errors import DriverError
 from driver.files import read_rows
-from driver.hard import (bounded, deformations, generator, judgement, laws, programs, random,
-                         refusal, sensitivity, states, suite)
+from driver.hard import (bounded, deformations, generator, inverted, judgement, laws, programs,
+                         random, refusal, sensitivity, states, suite)
 from driver.qp import complementarity
 from driver.qp.coulomb import CoulombProblem
 from driver.hard.motions import unresisted
@@ -538,6 +538,40 @@ def test_a_status_of_its_own_is_noticed(monkeypatch, tmp_path):
     monkeypatch.setattr(random, "run", end)
     row = random.judge(SEED, tmp_path)
     assert row.status == "FAILED" and "exit 4 of the test" in row.why
+
+
+@pytest.mark.parametrize("height", [0.05, 0.3])
+@pytest.mark.parametrize("turned", [0.0, 2.5])
+def test_arcs_turn_flat_triangles_over(height, turned):
+    """On a chord of 45 degrees the hole's arc is r (1 - cos 22.5) high, into the body. Of a
+    triangle with its tip above the middle det F is 1 - 2 rise / height at its other vertices.
+    """
+    half, rise = np.pi / 8, 1 - np.cos(np.pi / 8)
+    text = (f"border a4(t={turned + half}, {turned - half}) {{ x = -3.0 + 1.0*cos(t); "
+            "y = 1.5e+00 + 1.0*sin(t); label = 91; }\n")
+    arcs = inverted.circles(text)
+    assert arcs == pytest.approx(np.array([[turned + half, turned - half, -3.0, 1.5, 1.0]]))
+    angle, far = np.array([turned + half, turned - half, turned]), [1, 1, 1 - rise + height]
+    xy = [-3.0, 1.5] + np.array(far)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    sub = SimpleNamespace(node_gid=np.arange(3), triangles=np.arange(3)[None], xy=xy)
+    assert inverted.least_jacobian([sub], arcs) == pytest.approx(1 - 2 * rise / height)
+    beside = SimpleNamespace(node_gid=np.array([0, 1, 3]), triangles=np.arange(3)[None],
+                             xy=np.vstack([xy[:2], [[-3.0, 1.5]]]))
+    assert inverted.least_jacobian([sub, beside], arcs) == 1.0  # a side inside the body
+
+
+@pytest.mark.parametrize("cells, status", [(8, "refused"), (40, "FAILED")])
+def test_a_mesh_is_too_coarse_for_arcs_by_their_own_argument(cells, status, monkeypatch, tmp_path):
+    """A round hole of 8 sides turns a triangle over, one of 40 does not, whatever a run says."""
+    scene = generator.draw(150000182)
+    text = scene.text.replace("a4(8)", f"a4({cells})")
+
+    def refuse(scene, path, folder, cut, ranks=1):
+        return random.Outcome(2, "sides turn a triangle inside out, at (1, 2)", 0.0, folder)
+
+    monkeypatch.setattr(random, "draw", lambda seed: replace(scene, text=text))
+    monkeypatch.setattr(random, "run", refuse)
+    assert random.judge(scene.seed, tmp_path).status == status
 
 
 def test_a_run_that_takes_too_long_is_noticed(monkeypatch, tmp_path):

@@ -504,6 +504,41 @@ def test_what_products_round_off_on_stiff_rows(exact, off):
     assert (said <= asked) == (off <= 2e-3 and not exact)
 
 
+@pytest.mark.parametrize("exact, off", [(False, 1e-9), (False, 3e-9), (True, 1e-9)])
+def test_forces_that_rounding_on_stiff_rows_stands_for(exact, off):
+    """A row of stiffness 1e6 presses by one and is known to 5e-10 in a product: what four times
+    that stands for, a force of 2e-3, is no less than what is asked for. Of a row that stays open
+    what products round off stands for nothing.
+    """
+    found, F, stiffness = residuals(2), np.eye(9), np.r_[1e6, np.ones(8)]
+    found.operator.row_level = np.array([1] + 8 * [0])
+    found.operator.deformation_by_level = lambda *_: np.full(2, 1e6)
+    noise = np.r_[5e-10, 1.0, np.zeros(7)]
+    found.operator.apply = lambda x: F @ x + noise * (x[0] == 1)
+    found.qp.preconditioner = lambda missed, free: stiffness * missed
+    x, gradient = np.r_[1.0, np.zeros(8)], np.r_[-off, 1.0, np.zeros(7)]
+    said = found.of(Load(np.ones(1), np.zeros(9), 1.0), x, gradient, exact)["stationarity"]
+    made, asked = 4 * 1e6 * 5e-10, found.asked("stationarity")
+    assert said == pytest.approx(1e6 * off / (1.0 if exact else made / asked))
+    assert (said <= asked) == (off <= 2e-9 and not exact)
+
+
+@pytest.mark.parametrize("pressing, relative", [(0.0, 2.0), (1e-9, 2e-6)])
+def test_what_is_left_out_without_forces_counts_beside_those_before(pressing, relative):
+    """A way of 3e-9 on a row of stiffness one, where forces of two have pressed before. What the
+    state without forces leaves out is 1.5e-9 of these: they are not known better, nor is what a
+    step starts from. Beside forces that are there, as small as they may be, it is too much.
+    """
+    found = residuals()
+    found.scales.largest = {"pressing": 2.0}
+    found.qp.preconditioner = lambda missed, free: missed
+    x, gradient = np.r_[0.0, pressing, np.zeros(7)], np.r_[-3e-9, np.zeros(8)]
+    found.operator.deformation_by_level = found.operator.least_deformation = lambda *_: np.ones(1)
+    said = found.of(Load(np.ones(1), np.zeros(9), 1.0), x, gradient)
+    assert said["stationarity"] == pytest.approx(3e-9 / relative)
+    assert said["penetration"] == pytest.approx(3e-9)
+
+
 @pytest.mark.parametrize("x, largest, still, faded", [
     (np.zeros(9), 0.0, False, False), (np.ones(9), 0.0, False, False),
     (np.ones(9), 0.0, True, True),

@@ -279,6 +279,17 @@ def test_wide_gaps_hide_no_violation():
     assert problem.solves(np.array([1e-9, 0.0, 0.0, 0.0]))
 
 
+def test_forces_inside_a_body_hide_no_imbalance():
+    """A body lies on a node by its weight of one; lips of a slit in it press by 1e9. A thousandth
+    of the weight is missing: no equilibrium, however little that is beside what the lips carry.
+    """
+    problem = CoulombProblem(np.eye(2), np.array([0.0, 1e9]), np.zeros(0), np.arange(0),
+                             motions=np.array([[1.0], [0.0]]), balance=np.ones(1))
+    assert problem.solves(np.array([1.0, 1e9, 1.0]))
+    assert not problem.solves(np.array([0.999, 1e9, 0.999]))
+    assert problem.violation(np.array([0.999, 1e9, 0.999])) == pytest.approx(1e-3 / 1.999)
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_pivots_are_those_of_a_right_side_moved_by_powers(seed):
     """Of rows that tie, q + (e, e^2, ...) singles out one for every small e > 0: entries of the
