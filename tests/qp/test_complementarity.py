@@ -316,6 +316,40 @@ def test_springs_do_not_know_the_unit_of_a_motion(scale):
                                rtol=0, atol=1e-12 * np.abs(twice.compliance).max())
 
 
+@pytest.mark.parametrize("unit", [1e-6, 1e4])
+def test_springs_for_lemke_are_as_soft_as_the_bodies(unit, monkeypatch):
+    """And softer by tens, in any unit of length over force; two rests of each."""
+    problem, asked = random_problem(2, 3, motions=1), []
+    soft = CoulombProblem(unit * problem.compliance, unit * problem.load, problem.coefficient,
+                          problem.pair, False, problem.motions, problem.balance, problem.offset)
+    monkeypatch.setattr(CoulombProblem, "on_springs",
+                        lambda self, softness, rest: asked.append(softness))
+    monkeypatch.setattr(complementarity, "lemke", lambda problem: None)
+    monkeypatch.setattr(complementarity, "all_solutions", lambda problem: [])
+    for one in (problem, soft):
+        assert complementarity._lemke_on_springs(one) is None
+    median = np.median(np.diag(problem.compliance))
+    expected = np.repeat(median * 10.0 ** np.arange(complementarity.SPRINGS), 2)
+    np.testing.assert_allclose(asked, np.append(expected, unit * expected), rtol=1e-12)
+
+
+@pytest.mark.parametrize("small, directions", [(1e-9, None), (1e-11, 1), (1e-13, 1), (0.0, 1)])
+def test_a_system_is_singular_before_it_is_rounding(small, directions):
+    """From a ratio of pivots of 1e-10 on there are directions along which nothing changes; only
+    below 1e-14 no regular solution is tried.
+    """
+    problem = CoulombProblem(np.array([[1.0, 1.0], [1.0, 1.0 + small]]), np.ones(2), np.zeros(0),
+                             np.zeros(0, int))
+    system = problem.system(np.full(2, STICK), np.ones(2))
+    family = system.family(problem.load, np.zeros(0))
+    assert (family is None) == (directions is None)
+    assert system.dependent == (small == 0.0)
+    if family is not None:
+        assert family[1].shape == (2, directions)
+        np.testing.assert_allclose(family[0], [0.5, 0.5], atol=1e-2)
+        np.testing.assert_allclose(family[1][0], -family[1][1], rtol=1e-6)
+
+
 def test_a_family_of_solutions_is_one_along_its_directions():
     """Three nodes of which two move alike: what one presses more the other may press less."""
     compliance = np.zeros((6, 6))

@@ -123,6 +123,114 @@ def test_friction_that_grows_leads_to_a_solution(monkeypatch):
     assert ends >= 0.8 * SEEDS  # paths may turn back
 
 
+class Path:
+    """In place of Newton's and Lemke's methods: a solution is its part of the friction, which may
+    grow to `ratio` times that of the start and not beyond `end`; from nothing up to `first`.
+    """
+
+    def __init__(self, monkeypatch, ratio=1.3, end=1.0, first=0.5, lemke=0.0):
+        self.tried, self.ratio, self.end, self.first = [], ratio, end, first
+        monkeypatch.setattr(complementarity, "newton", self.newton)
+        monkeypatch.setattr(complementarity, "all_alike", lambda problem: [])
+        monkeypatch.setattr(complementarity, "lemke", lambda problem: (
+            problem.coefficient[:1].copy() if problem.coefficient[0] <= lemke else None))
+        self.problem = CoulombProblem(np.eye(2), np.ones(2), np.ones(1), np.arange(1))
+
+    def newton(self, problem, near):
+        part = problem.coefficient[0]
+        known = near[0] > 0
+        found = part <= (min(self.end, self.ratio * near[0]) if known else self.first)
+        if known:
+            self.tried.append((near[0], part, found))
+        return problem.coefficient[:1].copy() if found else None
+
+    def followed(self):
+        return continuation.with_growing_friction(self.problem, np.zeros(1))
+
+
+def test_friction_grows_by_steps_that_succeed(monkeypatch):
+    """By longer ones after each, up to twice as much, by shorter ones after a failure; all of it at
+    the end.
+    """
+    path = Path(monkeypatch)
+    assert path.followed() == [1.0]
+    assert path.tried[0] == (0.5, 1.0, False)  # twice as much
+    for (near, part, found), (then, more, _) in zip(path.tried, path.tried[1:]):
+        grows = (part / near)**1.5 if found else np.sqrt(part / near)
+        assert then == (part if found else near)
+        assert more == pytest.approx(min(1.0, then * min(grows, 2.0)))
+    assert path.tried[-1][1:] == (1.0, True)
+
+
+def test_a_path_of_friction_that_turns_back_is_left(monkeypatch):
+    """Where not even a ten-thousandth more succeeds."""
+    path = Path(monkeypatch, end=0.7)
+    assert path.followed() is None
+    best = max(part for _, part, found in path.tried if found)
+    assert 0.7 / 1.0002 < best <= 0.7
+    near, part, _ = path.tried[-1]
+    assert part / near < 1.0001 and near == best
+    whole = Path(monkeypatch)
+    assert whole.followed() == [1.0]
+    monkeypatch.setattr(continuation, "STEPS", len(whole.tried) - 1)
+    assert Path(monkeypatch).followed() is None
+
+
+@pytest.mark.parametrize("first, lemke, part", [
+    (0.5, 0.0, 0.5), (0.3, 0.0, 0.25), (0.1, 0.3, 0.25), (0.0625, 0.0, 0.0625), (0.06, 0.0, None)])
+def test_friction_is_halved_for_a_first_solution(monkeypatch, first, lemke, part):
+    """By Newton's or Lemke's method, down to a sixteenth; with less there is none to follow."""
+    path = Path(monkeypatch, first=first, lemke=lemke)
+    z, known = continuation._with_less(path.problem, np.zeros(1))
+    assert (z is None) == (part is None) and known == (part or 0.0625)
+    assert part is None or z == [part]
+    assert part is not None or path.followed() is None
+
+
+def test_one_program_knows_its_limits(monkeypatch):
+    """Up to MOST_NODES, with wider limits where the first are too narrow; an answer may be none."""
+    tried = []
+    monkeypatch.setattr(integer, "_answer", lambda scaled, limit: tried.append(limit))
+    assert integer.solution_within_limits(random_problem(1, integer.MOST_NODES, 1)) is None
+    assert tried == [*integer.LIMITS] and len(set(tried)) == 2
+    assert integer.solution_within_limits(random_problem(1, integer.MOST_NODES + 1, 1)) is None
+    assert len(tried) == 2
+    monkeypatch.setattr(branching._Search, "run", lambda self: "searched")
+    assert branching.search_states(random_problem(1, branching.MOST_NODES, 1)) == "searched"
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e5])
+def test_searches_do_not_know_units(scale, monkeypatch):
+    """Of length and of force: linear programs are the same ones, in numbers of order one."""
+    made, honest = [], branching.Scaled.__init__
+
+    def init(self, problem):
+        honest(self, problem)
+        made.append(self)
+
+    monkeypatch.setattr(branching.Scaled, "__init__", init)
+    one = random_problem(3, 3, 2)
+    one.offset = np.array([0.1, 0.0, 0.2])
+    other = CoulombProblem(one.compliance * scale**2, one.load * scale, one.coefficient, one.pair,
+                           False, one.motions * scale, one.balance, one.offset / scale)
+    first, second = branching.search_states(one), branching.search_states(other)
+    assert first.certain and (first.solution is None) == (second.solution is None)
+    for name in ("given", "offset", "work", "cone_matrix"):
+        np.testing.assert_allclose(getattr(made[1], name), getattr(made[0], name), rtol=1e-9,
+                                   atol=1e-12)
+    np.testing.assert_allclose(made[1].rows.toarray(), made[0].rows.toarray(), atol=1e-9)
+    x = np.random.default_rng(1).standard_normal(8)
+    z = made[0].exact(x)
+    np.testing.assert_allclose(made[1].exact(x)[:6] * scale, z[:6], rtol=1e-9)
+    # forces in equilibrium move rows as the problem says
+    net = made[0].rows[-2:].toarray()
+    x -= np.linalg.pinv(net) @ (net @ x - made[0].work)
+    z = made[0].exact(x)
+    np.testing.assert_allclose(one.motions.T @ z[:6], one.balance, rtol=1e-9)
+    moved = (made[0].rows[:6] @ x + made[0].given) * made[0].way / made[0].unit
+    np.testing.assert_allclose(one.movement(z), moved, atol=1e-9 * np.abs(moved).max())
+
+
 def test_descent_by_single_states_leads_to_a_solution():
     """From all nodes alike, for bodies without support; where there is no solution to none."""
     ends, exist = 0, 0

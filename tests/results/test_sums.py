@@ -47,6 +47,23 @@ def test_means_at_nodes_go_over_subdomains_and_not_over_bodies():
                                (values[-1, [1, 2, 0]] + values[-1, [2, 0, 1]]) / 2)
 
 
+def test_the_ledger_knows_the_largest_value_of_every_pattern(monkeypatch):
+    """Of loads and of prescribed displacements, in any subdomain, by their sizes."""
+    def sub(loads, fixed_values):
+        return SimpleNamespace(loads=np.array(loads), fixed_values=np.array(fixed_values))
+
+    subs = [sub([[1.0, -4.0], [0.0, 0.0], [0.0, 0.0]], np.zeros((3, 0))),
+            sub([[2.0, 3.0], [0.5, 0.0], [0.0, 0.0]], [[0.0], [-0.75], [0.0]])]
+    problem = SimpleNamespace(structure=SimpleNamespace(patterns=3, subdomains=subs),
+                              manifest=SimpleNamespace(factors="factors"))
+    writer = SimpleNamespace(operator=SimpleNamespace(comm=MPI.COMM_SELF), history_rows="rows")
+    monkeypatch.setattr(summary, "ledger", lambda *given: given)
+    monkeypatch.setattr(summary, "asdict", lambda sizes: sizes)
+    found = summary._ledger(problem, "sizes", "solver", writer)
+    assert found[:3] == ("solver", "sizes", "factors") and found[4] == "rows"
+    assert found[3].tolist() == [4.0, 0.75, 0.0]
+
+
 def test_bodies_are_numbered_by_their_smallest_nodes():
     gid, xy, triangles = torn()
     means = NodalMeans(MPI.COMM_SELF, 9 - gid, xy, triangles)
