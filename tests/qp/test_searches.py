@@ -3,6 +3,7 @@ and what counts as a solution where conditions depend on one another or bodies j
 """
 
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -121,6 +122,218 @@ def test_friction_that_grows_leads_to_a_solution(monkeypatch):
         assert z is None or problem.solves(z)
         ends += z is not None
     assert ends >= 0.8 * SEEDS  # paths may turn back
+
+
+# ------------------------------------------------------------------------------ programs
+
+APART, PRESSES, PULLS = branching.APART, branching.PRESSES, branching.PULLS
+STICKS, FORTH, BACK = branching.STICKS, branching.FORTH, branching.BACK
+ANY = branching.ANY
+
+
+class Known:
+    """A problem of four nodes with a solution `z` in `contact` and `rub` (4,), drawn with them.
+
+    Nodes 0 and 1 are bilateral if `pulls`; node 0 has no offset, node 1 no friction coefficient;
+    `broken`: a node of which contact or friction does not obey the law.
+    """
+
+    def __init__(self, seed: int, pulls: bool, broken: str = ""):
+        rng, n = np.random.default_rng(seed), 4
+        root = rng.standard_normal((2 * n, 2 * n + 1))
+        C, self.bilateral = root @ root.T, pulls & (np.arange(n) < 2)
+        F, offset = rng.uniform(0.2, 1.5, n), rng.uniform(0.1, 0.5, n)
+        offset[0], F[1] = 0.0, 0.0
+        self.contact = np.where(self.bilateral, rng.choice([PRESSES, PULLS], n),
+                                rng.choice([APART, PRESSES], n))
+        self.rub = rng.choice([STICKS, FORTH, BACK], n)
+        size = rng.uniform(0.5, 1.5, n)
+        normal = np.select([self.contact == PRESSES, self.contact == PULLS], [size, -size], 0.0)
+        over = np.where(self.contact == APART, -rng.uniform(0.5, 1.5, n), 0.0)
+        bound = offset + F * np.abs(normal)
+        part = np.select([self.rub == FORTH, self.rub == BACK], [1.0, -1.0],
+                         rng.uniform(-0.8, 0.8, n))
+        slip = np.select([self.rub == FORTH, self.rub == BACK], [1.0, -1.0],
+                         0.0) * rng.uniform(0.5, 1.5, n)
+        if broken == "contact":  # the last node presses from afar
+            normal[3], over[3], part[3] = 1.0, -1.0, 0.5
+            bound[3] = offset[3] + F[3]
+            slip[3] = 0.0
+        if broken == "friction":  # and slides inside its bound
+            part[3], slip[3] = 0.5, 1.0
+            bound[3] = max(bound[3], 0.1)
+        x, R = np.append(normal, part * bound), rng.standard_normal((2 * n, 2))
+        beta = rng.standard_normal(2)
+        self.z = np.append(x, beta)
+        self.problem = CoulombProblem(C, np.append(over, slip) + C @ x - R @ beta, F, np.arange(n),
+                                      self.bilateral, R, R.T @ x, offset)
+        self.strict = bound > 0
+        self.slides = np.abs(slip) > 0
+
+    def point(self, scaled) -> np.ndarray:
+        """The unknowns of programs at the solution."""
+        rows = self.problem.rows
+        force = self.z[:rows] / scaled.unit / scaled.force
+        moved = self.problem.movement(self.z) * scaled.unit / scaled.way
+        of, motions = scaled.rows[:rows, :rows], scaled.rows[:rows, rows:].toarray()
+        rest = np.linalg.lstsq(motions, moved - of @ force - scaled.given, rcond=None)
+        x = np.append(force, rest[0])
+        np.testing.assert_allclose(scaled.rows[:rows] @ x + scaled.given, moved, atol=1e-10)
+        np.testing.assert_allclose(scaled.exact(x), self.z, rtol=1e-8, atol=1e-9)
+        return x
+
+
+def inside(search, contact, rub, x) -> bool:
+    """Whether x obeys the limits of given states, but for rounding."""
+    row_low, row_high, low, high = search._limits(contact, rub)
+    rows = search.rows @ x
+    return bool((rows >= row_low - 1e-9).all() and (rows <= row_high + 1e-9).all()
+                and (x >= low - 1e-9).all() and (x <= high + 1e-9).all())
+
+
+@pytest.mark.parametrize("pulls", [False, True])
+@pytest.mark.parametrize("seed", range(6))
+def test_a_solution_is_inside_the_limits_of_its_states_alone(seed, pulls):
+    """Of no state, of that of any node, and of all; outside as soon as a node is said to be in
+    another one.
+    """
+    known = Known(seed, pulls)
+    assert known.problem.solves(known.z)
+    search = branching._Search(known.problem)
+    x = known.point(search)
+    # contact that pulls without friction has no sign to be decided on
+    none = np.where(known.bilateral & (known.problem.coefficient == 0), PULLS, ANY)
+    free, whole = np.zeros(4, int), np.where(none == PULLS, PULLS, known.contact)
+    assert inside(search, none, free, x) and inside(search, whole, known.rub, x)
+    assert not search._branches(none, free, x) and not search._branches(whole, known.rub, x)
+    for node in range(4):
+        for own, others, states in ((none, known.contact, (
+                PRESSES, PULLS if known.bilateral[node] else APART)), (free, known.rub, (
+                    STICKS, FORTH, BACK))):
+            for state in states:
+                one = own.copy()
+                one[node] = state
+                of = (one, free) if own is none else (whole, one)
+                if others is known.contact and none[node] == PULLS:
+                    continue
+                if state == others[node]:
+                    assert inside(search, *of, x)
+                elif others is known.contact or known.slides[node] or (
+                        known.strict[node] and state != STICKS):
+                    assert not inside(search, *of, x), (node, state)
+
+
+@pytest.mark.parametrize("pulls", [False, True])
+@pytest.mark.parametrize("seed", range(4))
+def test_the_node_that_breaks_its_law_is_decided_on(seed, pulls):
+    """On its contact before its friction; in each way that there is, and nothing else changes."""
+    free = np.zeros(4, int)
+    for broken, ways in (("contact", {APART, PRESSES}), ("friction", {STICKS, FORTH, BACK})):
+        known = Known(seed, pulls, broken)
+        search = branching._Search(known.problem)
+        x = known.point(search)
+        none = np.where(known.bilateral & (known.problem.coefficient == 0), PULLS, ANY)
+        assert not known.problem.solves(known.z)
+        branches = search._branches(none, free, x)
+        for contact, rub in branches:
+            assert contact[:3].tolist() == none[:3].tolist() and not rub[:3].any()
+            assert (rub[3] == ANY) == (broken == "contact") and (contact[3] == ANY) == (
+                broken == "friction")
+        assert {int(of[broken == "friction"][3]) for of in branches} == ways
+        assert len(branches) == len(ways)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_points_of_programs_press_and_open_least(seed):
+    """No more than a solution does, at nodes that are not decided on; contact that pulls may."""
+    known = Known(seed, seed % 2 == 1)
+    search = branching._Search(known.problem)
+    x, free = known.point(search), np.zeros(4, int)
+    for contact in (free, np.where(np.arange(4) < 2, known.contact, ANY)):
+        feasible, found = search._program(contact, free)
+        assert feasible and inside(search, contact, free, found)
+
+        def cost(of, open_=contact == ANY):
+            over = search.rows[:4] @ of + search.given[:4]
+            return (of[:4] * ~known.bilateral - over)[open_].sum()
+
+        assert cost(found) <= cost(x) + 1e-9
+
+
+def test_bodies_are_moved_by_nothing_but_their_motions():
+    """Forces in equilibrium deform; what is rigid of their movements is left to the motions."""
+    known = Known(1, False)
+    scaled = branching.Scaled(known.problem)
+    x = known.point(scaled)
+    x[8:] = 0.0
+    moved = (scaled.rows[:8] @ x + scaled.given) * scaled.way / scaled.unit
+    assert np.abs(known.problem.motions.T @ moved).max() < 1e-10 * np.abs(moved).max()
+    # to the last motion that a row feels
+    R = known.problem.motions
+    twice = CoulombProblem(known.problem.compliance, known.problem.load, known.problem.coefficient,
+                           known.problem.pair, False, np.column_stack([R, R[:, 0]]),
+                           np.append(known.problem.balance, known.problem.balance[0]))
+    for name in ("given", "work"):
+        one, other = (getattr(branching.Scaled(of), name) for of in (known.problem, twice))
+        np.testing.assert_allclose(other[: len(one)], one, atol=1e-9)
+
+
+def test_what_a_program_does_not_answer_is_no_proof(monkeypatch):
+    """Other states may still be those of a solution."""
+    known, calls = Known(2, False), []
+    program, honest = branching._Search._program, branching.newton
+
+    def unanswered(self, contact, rub):
+        calls.append(contact)
+        return (True, None) if len(calls) == 2 else program(self, contact, rub)
+
+    monkeypatch.setattr(branching._Search, "_program", unanswered)
+    monkeypatch.setattr(branching, "newton", lambda problem, *given: (
+        None if len(calls) == 1 else honest(problem, *given)))
+    monkeypatch.setattr(branching._Search, "_branches", lambda self, contact, rub, x: [
+        (contact, rub), (contact, rub)] if len(calls) == 1 else [])
+    found = branching.search_states(known.problem)
+    assert found.certain and known.problem.solves(found.solution) and len(calls) == 3
+    calls.clear()
+    monkeypatch.setattr(branching._Search, "_program", lambda *_: (True, None))
+    assert branching.search_states(known.problem) == branching.Search(None, False)
+    monkeypatch.setattr(branching._Search, "_program", program)
+    monkeypatch.setattr("scipy.optimize.milp", lambda *_, **more: SimpleNamespace(status=1, x=None))
+    assert branching._Search(known.problem)._program(*np.zeros((2, 4), int)) == (True, None)
+
+
+@pytest.mark.parametrize("pulls", [False, True])
+@pytest.mark.parametrize("seed", range(6))
+def test_alternatives_of_the_one_program_are_those_of_the_law(seed, pulls, monkeypatch):
+    """A solution is a point of it with the binaries of its states, and with no others."""
+    known, asked = Known(seed, pulls), {}
+
+    def milp(cost, **given):
+        asked.update(given)
+        return SimpleNamespace(x=None)
+
+    monkeypatch.setattr("scipy.optimize.milp", milp)
+    scaled, limit = branching.Scaled(known.problem), 1e3
+    assert integer._answer(scaled, limit) is None
+    x = known.point(scaled)
+
+    def allowed(presses, forth, back) -> bool:
+        whole = np.concatenate([x, np.maximum(x[:4], 0), np.maximum(-x[:4], 0), presses, forth,
+                                back])
+        of, box = asked["constraints"], asked["bounds"]
+        rows, slack = of.A @ whole, 1e-9 * limit
+        return bool((rows >= of.lb - slack).all() and (rows <= of.ub + slack).all()
+                    and (whole >= box.lb - slack).all() and (whole <= box.ub + slack).all())
+
+    own = [1.0 * (known.z[:4] > 0), 1.0 * (known.rub == FORTH), 1.0 * (known.rub == BACK)]
+    assert allowed(*own)
+    assert asked["integrality"].tolist() == [0] * (10 + 8) + [1] * 12
+    for which in range(3):
+        for node in range(4):
+            other = [binary.copy() for binary in own]
+            other[which][node] = 1 - other[which][node]
+            if known.slides[node] or which == 0 or known.strict[node]:
+                assert not allowed(*other), (which, node)
 
 
 class Path:
