@@ -15,6 +15,7 @@ from driver.march.fixed_point import FixedPoint
 from driver.march.friction_qp import FrictionQP
 from driver.march.quasistatic import QuasistaticSolver
 from driver.march.residuals import Residuals
+from driver.march.slip import FAR
 from driver.march.step import WINDOW, History, Load, Trace, Unfinished
 from driver.march.supported import RigidSurfaces, SupportedBodies
 from driver.options import Settings
@@ -369,6 +370,21 @@ def test_what_stays_too_large_is_said():
     with pytest.raises(Unfinished, match="the cone residual stays at 5.0e-01, above the"):
         earned(s)
     assert tried and len(found.asked) > len(tried)
+
+
+@pytest.mark.parametrize("farthest, modes, anew", [(0.9, 1, False), (1.1, 1, True), (1.1, 0, False)])
+def test_a_gradient_that_followed_bodies_far_is_made_anew(farthest, modes, anew):
+    """Their rounding is in it: from FAR times the deformation on."""
+    found.asked = []
+    s, given = solver(found, [{"cone": 0.0}]), []
+    s.scales.renew(displacements=np.array([0.25]))
+    s.operator.modes, into = modes, s.into_cone
+    s.into_cone = lambda d, x, gradient, sliding: given.append(gradient) or into(
+        d, x, gradient, sliding)
+    load = Load(np.ones(1), np.ones(9), 1.0, farthest=farthest * FAR * 0.25)
+    s.scales.renew(d=1.0)
+    s._earned(1, load, np.zeros(9), -load.d, np.zeros(N), Trace())
+    assert (given[0] is None) == anew
 
 
 def test_what_is_rounding_without_forces_needs_none():

@@ -180,6 +180,11 @@ def test_how_nodes_touch():
     mean = (4 * 1 + 2 * 2 + 0.1 * 2) / 5
     assert touch.lighter(0.05) == 0.0 and touch.lighter(0.11 / mean) == 2.0
     assert touch.lighter(2.1 / mean) == 4.0 and Touch().lighter(1.0) == 0.0
+    # nodes that are near may touch as well, those that press little may not, nor the last side
+    near = Touch.of(nodes | {"gap": np.array([0.0, 0, 0, 0.5])}, steps, 0, 2)
+    assert near.beside.tolist() == [[0.5, 1.0]] and near.edges == 1.0 + 1.0
+    for way, part, length in ((0.5, 0.0, 0.0), (0.51, 0.0, 1.0), (0.51, 0.11 / mean, 3.0)):
+        assert near.uncertain(way, part) == pytest.approx(length + near.edges)
     for name, values in (("sigma_t", [[1.0, -1, 1, 0]]), ("status", [[SLIP, STICK, SLIP, OPEN]])):
         assert not Touch.of(nodes, steps | {name: np.array(values)}, 0, 2).dragged
 
