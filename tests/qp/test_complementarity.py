@@ -333,6 +333,55 @@ def test_springs_for_lemke_are_as_soft_as_the_bodies(unit, monkeypatch):
     np.testing.assert_allclose(asked, np.append(expected, unit * expected), rtol=1e-12)
 
 
+def test_springs_carry_what_forces_leave_of_the_balance():
+    """From their rest on, by their softness over the square of a motion's reach."""
+    problem, rng = random_problem(3, 3, motions=2), np.random.default_rng(5)
+    rest, x, softness = rng.standard_normal(2), rng.standard_normal(6), 0.7
+    sprung = problem.on_springs(softness, rest)
+    beta = rest + softness * (problem.balance - problem.motions.T @ x) / problem.reach**2
+    np.testing.assert_allclose(sprung.movement(x), problem.movement(np.append(x, beta)),
+                               rtol=1e-12)
+    assert sprung.k == 0 and sprung.offset is problem.offset
+
+
+def test_forces_without_any_load_are_their_own_size():
+    """They violate the law by as much as they move what nothing loads."""
+    problem = CoulombProblem(np.eye(2), np.zeros(2), np.array([0.5]), np.array([0]))
+    assert problem.solves(np.zeros(2))
+    assert problem.violation(np.array([3.0, 0.0])) == pytest.approx(1.0)
+    assert problem.violation(np.array([0.0, 3.0])) == pytest.approx(1.0)
+    assert problem.violation(np.array([np.nan, 0.0])) == np.inf
+
+
+@pytest.mark.parametrize("unit", [1e-8, 1e6])
+def test_systems_do_not_know_the_unit_of_a_motion(unit):
+    """Nor that of forces and lengths: entries and pivots are the same numbers."""
+    one = random_problem(3, 3, motions=2)
+    other = CoulombProblem(one.compliance * 1e-4, one.load * 1e-2, one.coefficient, one.pair, False,
+                           one.motions * unit, one.balance * 100.0 * unit, one.offset * 100.0)
+    for states in ([1, 1, 1], [2, 1, 3], [0, 2, 1], [-1, 1, 2]):
+        systems = [of.system(np.array(states), np.ones(3)) for of in (one, other)]
+        np.testing.assert_allclose(systems[1].matrix, systems[0].matrix, rtol=1e-9, atol=1e-12)
+        assert systems[0].index == systems[1].index
+        z, w = (of.solve(problem.load, problem.balance)
+                for of, problem in zip(systems, (one, other)))
+        np.testing.assert_allclose(w[:6], 100.0 * z[:6], rtol=1e-7)
+
+
+def test_a_family_at_large_friction_has_its_directions_alone():
+    """Two nodes whose rows depend, all of them slide: what rounding leaves is no further one."""
+    rng = np.random.default_rng(1)
+    root = rng.standard_normal((6, 8))
+    root[[2, 5]] = 0.3 * root[[1, 4]]
+    compliance = root @ root.T
+    problem = CoulombProblem(compliance, compliance @ np.ones(6), np.full(3, 1e7), np.arange(3))
+    system = problem.system(np.full(3, FORWARD), np.ones(3))
+    found = system.family(problem.load, np.zeros(0))
+    assert found is not None and found[1].shape[1] == 1
+    line = found[1][:3, 0]
+    assert line[1] == pytest.approx(-0.3 * line[2]) and abs(line[0]) < 1e-6 * abs(line[1])
+
+
 @pytest.mark.parametrize("small, directions", [(1e-9, None), (1e-11, 1), (1e-13, 1), (0.0, 1)])
 def test_a_system_is_singular_before_it_is_rounding(small, directions):
     """From a ratio of pivots of 1e-10 on there are directions along which nothing changes; only

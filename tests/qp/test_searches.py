@@ -513,6 +513,10 @@ def test_forces_that_run_in_a_circle_excuse_nothing():
     problem = CoulombProblem(np.ones((2, 2)), np.full(2, 3.0), np.zeros(0), np.zeros(0, int), True)
     assert problem.solves(np.array([2.0, 1.0]))
     assert not problem.solves(np.array([1e12, -1e12]))
+    for unit in (1.0, 1e-5):
+        of = problem.under(unit * problem.load, problem.coefficient)
+        circle = 1e12 * unit * np.array([1.0, -1.0])
+        assert of.violation(circle) == pytest.approx(1e-6)  # 3 of 1e6 times 3
 
 
 def test_friction_that_its_own_slip_changes(monkeypatch):
