@@ -582,6 +582,21 @@ def test_the_derivative_is_that_of_the_residual(seed):
                                atol=1e-5 * np.abs(expected).max() * equations.unit.max())
 
 
+@pytest.mark.parametrize("slip", [1e-9, -1e-9])
+def test_a_law_of_the_size_of_slip_is_derived_on_its_own_side(slip):
+    """Nearer to where nothing slides than the difference that derivatives are taken by, 1e-7 of the
+    largest slip.
+    """
+    problem = CoulombProblem(np.eye(4), np.zeros(4), np.ones(2), np.arange(2))
+    z = np.array([1.0, 2.0, 0.0, 0.0])
+    problem.load = z + np.array([0.0, 0.0, 1.0, slip])
+    z[3] = 4.0 * np.sign(slip)  # it slides
+    problem.load[3] += z[3]
+    equations = coefficients._Equations(problem, lambda s: 0.5 + np.abs(s))
+    # lambda_t - sign (0.5 + |slip|) 2, where slip falls by lambda_t
+    assert equations.derivative(z)[3, 3] == pytest.approx(1.0 + 2.0, rel=1e-6)
+
+
 def test_friction_that_cannot_balance_a_push_is_known_without_a_search():
     """Bilateral contact with friction whose own pressures are bounded, and a motion along it.
 
