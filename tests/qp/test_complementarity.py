@@ -5,6 +5,7 @@ The law is written down anew here; with F = 0 it is a box QP, which an independe
 Coulomb's law alone (c = 0) is tested with the time stepping, in tests/march/test_uniqueness.py.
 """
 
+import itertools
 from types import SimpleNamespace
 
 import numpy as np
@@ -331,6 +332,10 @@ def test_springs_for_lemke_are_as_soft_as_the_bodies(unit, monkeypatch):
     median = np.median(np.diag(problem.compliance))
     expected = np.repeat(median * 10.0 ** np.arange(complementarity.SPRINGS), 2)
     np.testing.assert_allclose(asked, np.append(expected, unit * expected), rtol=1e-12)
+    # the last resort of a few nodes
+    monkeypatch.setattr(complementarity, "all_solutions", lambda problem: ["one", "another"])
+    for nodes, found in ((3, "one"), (complementarity.FEW, "one"), (complementarity.FEW + 1, None)):
+        assert complementarity._lemke_on_springs(random_problem(2, nodes, motions=1)) == found
 
 
 def test_springs_carry_what_forces_leave_of_the_balance():
@@ -430,6 +435,10 @@ def test_inequalities_of_states_hold_in_them_alone(seed):
         pushed = z.copy()
         pushed[node] = 2 * moved[node] / problem.compliance[node, node]  # pulls until it is inside
         assert complementarity._slack(problem, apart, pushed).min() < -rounding
+    for node, way in itertools.product(np.flatnonzero(states == STICK), (-1.0, 1.0)):
+        rubbed = z.copy()
+        rubbed[4 + node] = way * (problem.offset[node] + problem.coefficient[node] * z[node] + 1.0)
+        assert complementarity._slack(problem, states, rubbed).min() <= -1.0 + rounding
     for node in np.flatnonzero(states > STICK):
         other = states.copy()
         other[node] = FORWARD + BACKWARD - states[node]
@@ -448,6 +457,14 @@ def test_newton_goes_on_while_fewer_states_change():
         assert end is None or among(end[0], [z])
         found += end is not None
     assert found > SEEDS / 2
+
+
+def test_solutions_of_conditions_that_depend_are_not_settled():
+    """Two nodes in one place: which of them presses nothing says, nor what a sign would count."""
+    problem = CoulombProblem(np.ones((2, 2)), np.full(2, 3.0), np.zeros(0), np.zeros(0, int), True)
+    z = problem.solution_in(np.full(2, STICK))
+    assert problem.solves(z) and problem.system(np.full(2, STICK), np.ones(2)).index == 0
+    assert settled(problem, z, problem.movement(z)) is None
 
 
 def test_a_solution_is_settled_however_many_nodes_it_has():
