@@ -301,7 +301,7 @@ def test_what_follows_has_the_condition_of_the_plane_about_any_displacement(foll
 
 
 def test_joints_are_rows_of_what_follows_as_well(follower, monkeypatch):
-    following, first, _ = follower
+    following, _, _ = follower
     monkeypatch.setattr("driver.contact.joints.appended",
                         lambda boundary, rows: replace(boundary, joined=len(rows)))
     moved = np.zeros((len(following.gids), 2))

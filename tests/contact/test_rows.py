@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import constants
 import numpy as np
 import pytest
 
@@ -65,3 +66,7 @@ def test_every_contact_row_is_of_one_rank(built):
             assert sorted(found) == expected
     finally:
         structure.row_range = known
+
+
+def test_constants_that_are_called_parts_are_between_none_and_all():
+    assert not constants.beyond("contact")

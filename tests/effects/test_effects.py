@@ -4,6 +4,7 @@ import importlib
 from pathlib import Path
 from types import SimpleNamespace
 
+import constants
 import numpy as np
 import pytest
 
@@ -390,3 +391,7 @@ def test_study_refuses(tmp_path, command):
     assert done.returncode == 2 and "Traceback" not in done.stderr
     assert "stepz" in done.stderr.lower()
     assert {path.name for path in tmp_path.iterdir()} <= {STUDY}  # the mark of its folder
+
+
+def test_constants_that_are_called_parts_are_between_none_and_all():
+    assert not constants.beyond("effects")

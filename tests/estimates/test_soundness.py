@@ -1,5 +1,6 @@
 """Warnings about mesh and numbers: said where they are due, and only there."""
 
+import constants
 import pytest
 
 from driver import environment
@@ -76,3 +77,7 @@ include "export.idp"
         whole = 9 * 0.31 if lost else 4.5
         assert run.history["load_y"][-1] + whole == pytest.approx(9 * lost, abs=1e-12)
         assert said(run, "load3 jumps inside an edge") == bool(lost)
+
+
+def test_constants_that_are_called_parts_are_between_none_and_all():
+    assert not constants.beyond("estimates")

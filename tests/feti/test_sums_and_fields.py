@@ -107,8 +107,7 @@ def test_rigid_motions_in_two_units():
 
 
 def bodies_in_pieces():
-    """Structure of two bodies, the first in two subdomains, of linear triangles far from the origin.
-    """
+    """Two bodies, the first in two subdomains, of triangles far from the origin."""
     first = np.array([[7.0, 3], [9, 3.5], [8.5, 5], [6.5, 4.5]])
     places = [first[[0, 1, 2]], first[[0, 2, 3]], np.array([[-4.0, 2], [-3, 2], [-3.5, 2.25]])]
     subs = [SimpleNamespace(index=k, xy=xy, elements=np.array([[0, 1, 2]]))

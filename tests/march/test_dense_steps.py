@@ -372,7 +372,8 @@ def test_what_stays_too_large_is_said():
     assert tried and len(found.asked) > len(tried)
 
 
-@pytest.mark.parametrize("farthest, modes, anew", [(0.9, 1, False), (1.1, 1, True), (1.1, 0, False)])
+@pytest.mark.parametrize("farthest, modes, anew", [
+    (0.9, 1, False), (1.1, 1, True), (1.1, 0, False)])
 def test_a_gradient_that_followed_bodies_far_is_made_anew(farthest, modes, anew):
     """Their rounding is in it: from FAR times the deformation on."""
     found.asked = []

@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import constants
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -569,3 +570,7 @@ def test_contraction_is_the_mean_ratio_over_a_window(seed):
     assert Trace(changes=still.tolist()).contraction == pytest.approx(mean)
     assert Trace(changes=[1.0, 0.25, 0.0]).contraction == 0.25
     assert np.isnan(Trace(changes=[1.0]).contraction) and np.isnan(Trace().contraction)
+
+
+def test_constants_that_are_called_parts_are_between_none_and_all():
+    assert not constants.beyond("march")

@@ -3,6 +3,7 @@
 from pathlib import Path
 from types import SimpleNamespace
 
+import constants
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -370,3 +371,7 @@ def test_memory_is_that_of_the_process_in_mib():
     used = np.ones(size * 2**17)
     assert summary.largest_memory(MPI.COMM_SELF) - before == pytest.approx(200, rel=0.2)
     del used
+
+
+def test_constants_that_are_called_parts_are_between_none_and_all():
+    assert not constants.beyond("results")
