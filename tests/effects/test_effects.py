@@ -251,7 +251,9 @@ def test_undeclared_effects_cost_nothing():
     ([[0], [0], [0]], True),
 ])
 def test_proportional(amplitudes, expected):
-    assert proportional(np.array(amplitudes, float)) is expected
+    for unit in (1.0, 1e-9, 1e9):
+        assert proportional(unit * np.array(amplitudes, float)) is expected
+    assert not proportional(1e9 * np.array([[0, 0], [1.0, 2], [2, 4 + 1e-10]]))
 
 
 def test_time_matters_only_with_friction_and_a_way():

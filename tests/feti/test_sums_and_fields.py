@@ -72,6 +72,18 @@ def test_the_latest_fields_are_kept_for_readers_alone(operator):
         np.testing.assert_array_equal(u, v)
 
 
+def test_displacements_of_corners_are_those_of_the_fields(operator):
+    """By their numbers in the coarse problem, whichever subdomain has them."""
+    x = np.random.default_rng(5).standard_normal(operator.owned)
+    weights, structure = np.ones(operator.structure.patterns), operator.structure
+    whole, known = operator.coarse_displacements(x, weights), 0
+    for u, dofs, numbers in zip(operator.deformations(x, weights), structure.corner_dofs,
+                                structure.corner_global):
+        np.testing.assert_allclose(whole[numbers], u[dofs], atol=1e-10 * np.abs(u).max())
+        known += len(numbers)
+    assert known > structure.coarse_dofs == len(whole)
+
+
 @pytest.mark.parametrize("many", [0, 10**6])
 def test_scalar_products_of_blocks_are_those_of_columns(operator, monkeypatch, many):
     """By partial sums in the order of subdomains, or, of more than MANY of them, by whole numbers.

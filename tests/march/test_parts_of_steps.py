@@ -25,6 +25,7 @@ from driver.march.uniqueness import CONDENSED_NODES, FEW, SMALL, Uniqueness, too
 from driver.options import Settings
 from driver.qp import complementarity
 from driver.qp.branching import Search
+from driver.qp.coulomb import CoulombProblem
 from driver.qp.mprgp import projected_gradient
 
 
@@ -485,6 +486,28 @@ def test_a_proof_takes_all_states_and_isolated_solutions(monkeypatch, whole, iso
     found = Uniqueness(True)
     found.examine(1, problem, np.ones(1), np.ones(1), whole)
     assert found.examined == 1 and found.exhaustive == proofs and not found.several
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e6, 1e-6])
+def test_solutions_are_told_exactly_in_any_unit(unit):
+    """An open node that a drag presses down if friction resists it may stick, slide or stay open.
+    The solution that is followed is known to a thousandth, and told exactly.
+    """
+    problem = CoulombProblem(np.array([[1.0, -0.8], [-0.8, 1.0]]), unit * np.array([-0.2, 0.5]),
+                             np.array([2.0]), np.array([0]))
+    solutions = complementarity.all_solutions(problem)
+    assert len(solutions) == 3
+    for z in solutions:
+        if not z.any():
+            continue
+        found = Uniqueness(True)
+        found.examine(7, problem, z * (1 + 1e-3), np.array([2.0]))
+        first, *others = found.several[7]
+        assert len(others) == 2
+        assert first["resultant_n"] == pytest.approx(-z[0], rel=1e-9)
+        assert first["resultant_t"] == pytest.approx(-z[1], rel=1e-9)
+        assert first["peak_pressure"] == pytest.approx(z[0] / 2.0, rel=1e-9)
+        assert sum(of["index"] for of in found.several[7]) == 1
 
 
 @pytest.mark.parametrize("choice, nodes, friction, doubtful, expected", [

@@ -435,6 +435,10 @@ def test_inequalities_of_states_hold_in_them_alone(seed):
         pushed = z.copy()
         pushed[node] = 2 * moved[node] / problem.compliance[node, node]  # pulls until it is inside
         assert complementarity._slack(problem, apart, pushed).min() < -rounding
+    for node in np.flatnonzero(states > OPEN):
+        pulled = z.copy()
+        pulled[node] = -1.0
+        assert complementarity._slack(problem, states, pulled).min() <= -1.0 + rounding
     for node, way in itertools.product(np.flatnonzero(states == STICK), (-1.0, 1.0)):
         rubbed = z.copy()
         rubbed[4 + node] = way * (problem.offset[node] + problem.coefficient[node] * z[node] + 1.0)
@@ -444,6 +448,131 @@ def test_inequalities_of_states_hold_in_them_alone(seed):
         other[node] = FORWARD + BACKWARD - states[node]
         if abs(moved[4 + node]) > 1e-6:
             assert complementarity._slack(problem, other, z).min() < -rounding
+
+
+@pytest.mark.parametrize("friction, pressed, sheared, isolated", [
+    (0.5, 2.0, 0.2, False),  # what one presses more the other may press less
+    (0.5, 0.0, 0.0, False),  # and does not: a single point of a line obeys the law
+    (0.5, 2.0, 0.9, True),  # which friction cannot hold, however pressure is shared
+    (0.5, -1.0, 0.0, True)])  # nor contact that would have to pull
+def test_a_line_of_solutions_is_one_where_the_law_holds_on_it(friction, pressed, sheared, isolated):
+    """Two nodes in one place under a force in all, the states in which they stick alone."""
+    C = np.zeros((4, 4))
+    C[:2, :2] = 1.0
+    C[2:, 2:] = [[1.0, 0.5], [0.5, 1.0]]
+    shear = np.array([sheared, sheared])
+    problem = CoulombProblem(C, np.append([pressed, pressed], C[2:, 2:] @ shear),
+                             np.full(2, friction), np.arange(2))
+    states = np.full(2, STICK)
+    family = problem.system(states, np.ones(2)).family(problem.load, problem.balance)
+    assert family[1].shape == (4, 1)
+    assert complementarity._obeys_somewhere(problem, states, *family) != isolated
+    # wherever on the line the search begins, and whichever way it is told to be
+    z, line = family
+    for away, sign in ((30.0, 1.0), (-7.0, -2.0)):
+        assert complementarity._obeys_somewhere(problem, states, z + away * line[:, 0],
+                                                sign * line) != isolated
+    assert isolated or not complementarity.all_isolated(problem)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_pivots_end_in_the_solution_itself(seed, monkeypatch):
+    """Newton's method, where it is needed, starts from it: in the units of the problem."""
+    problem, starts = random_problem(seed, 3, largest=0.3), []
+    monkeypatch.setattr(CoulombProblem, "solution_in", lambda *_: None)
+    monkeypatch.setattr(complementarity, "newton", lambda problem, start: starts.append(start))
+    assert lemke(problem) is None
+    assert_obeys(problem, starts[0])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_bodies_on_springs_are_where_these_give_way_to(seed, monkeypatch):
+    """What Newton's method starts from obeys contact and friction; forces may be off balance."""
+    problem, starts, sprung = random_problem(seed, 3, largest=0.3, motions=2), [], []
+    honest = CoulombProblem.on_springs
+    monkeypatch.setattr(CoulombProblem, "on_springs", lambda self, *given: sprung.append(
+        honest(self, *given)) or sprung[-1])
+
+    def newton_(of, start, *_):
+        if of is problem:
+            starts.append((start, sprung[-1]))
+
+    monkeypatch.setattr(complementarity, "newton", newton_)
+    monkeypatch.setattr(complementarity, "all_solutions", lambda problem: [])
+    exact = CoulombProblem.solution_in
+    monkeypatch.setattr(CoulombProblem, "solution_in", lambda self, *given: (
+        None if self is problem else exact(self, *given)))
+    complementarity.lemke(problem)
+    assert starts
+    for z, on_springs in starts:
+        np.testing.assert_allclose(problem.movement(z), on_springs.movement(z[:6]), atol=1e-9 * max(
+            1.0, np.abs(z[6:]).max()))
+
+
+class Scripted:
+    """A problem whose states change at so many nodes in the steps of Newton's method, in turn."""
+
+    load = balance = None
+
+    def __init__(self, changes):
+        self.changes, self.now = list(changes), np.zeros(40, int)
+        self.index = 1
+
+    def states(self, x, move=None):
+        if x is not None:
+            k = self.changes.pop(0)
+            self.now = self.now.copy()
+            self.now[:k] += 1
+        return self.now
+
+    def signs(self, x):
+        return np.ones(40)
+
+    def movement(self, x):
+        return x
+
+    def system(self, states, sign):
+        return SimpleNamespace(solve=lambda load, balance: "solution", index=self.index)
+
+
+@pytest.mark.parametrize("changes, near", [
+    ([10, 5, 4, 0], True), ([11, 0], False), ([10, 6, 0], False), ([4, 4, 4, 4, 0], True),
+    ([4, 5, 0], False), ([8, 4, 4, 0], True), ([0], True)])
+def test_few_and_ever_fewer_states_change_near_a_solution(changes, near):
+    """Ten at first, half as many as before then; four may change again and again."""
+    assert (complementarity.NEAR, complementarity.A_FEW) == (10, 4)
+    found = settled(Scripted(changes), None, None)
+    assert (found == ("solution", "solution")) == near and (found is None) != near
+    other = Scripted(changes)
+    other.index = -1
+    assert settled(other, None, None) is None
+
+
+def test_a_search_goes_on_from_what_it_finds(monkeypatch):
+    """By the neighbours of every solution, until there are MANY; each is counted once."""
+    problem = random_problem(1, 2)
+    solutions = [np.full(4, float(k)) for k in range(1, 30)]
+    monkeypatch.setattr(complementarity, "all_alike", lambda problem: [])
+    monkeypatch.setattr(complementarity, "lemke", lambda problem: solutions[0])
+    monkeypatch.setattr(complementarity, "newton", lambda problem, guess, *_: guess)
+    for last in (3, 25):
+        monkeypatch.setattr(complementarity, "_neighbours", lambda problem, x, last=last: (
+            solutions[int(x[0]) - 1 : min(int(x[0]) + 1, last)]))
+        found = search(problem, solutions[0])
+        assert len(found) == min(last, complementarity.MANY)
+        assert [int(x[0]) for x in found] == list(range(1, len(found) + 1))
+
+
+def test_a_descent_ends_with_the_first_solution(monkeypatch):
+    problem, asked = random_problem(1, 2), []
+    neighbours = complementarity._neighbours
+    monkeypatch.setattr(complementarity, "_neighbours", lambda problem, z: (
+        asked.append(z) or neighbours(problem, z)))
+    monkeypatch.setattr(complementarity, "newton", lambda *_: "found")
+    assert complementarity.descend(problem, np.ones(4)) == "found" and len(asked) == 1
+    monkeypatch.setattr(complementarity, "newton", lambda *_: None)
+    monkeypatch.setattr(complementarity, "_neighbours", lambda problem, z: [])
+    assert complementarity.descend(problem, np.ones(4)) is None
 
 
 def test_newton_goes_on_while_fewer_states_change():

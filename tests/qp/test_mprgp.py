@@ -506,6 +506,8 @@ def test_relaxation_helps_or_does_no_harm(monkeypatch, useful):
         place, relaxed = module._Mprgp.place, module._Mprgp.relaxed_step
 
         def relax(y, g):
+            # a point with its gradient
+            assert np.abs(g - A @ y + b).max() <= 1e-9 * (np.abs(A) @ np.abs(y) + np.abs(b)).max()
             if not useful:
                 return np.clip(y + rng.standard_normal(len(b)), lower, upper)
             rest = b[:half] - A[:half, half:] @ np.clip(y, lower, upper)[half:]
