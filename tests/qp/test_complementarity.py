@@ -17,7 +17,7 @@ from driver.qp.complementarity import all_solutions, index, lemke, newton, searc
 from driver.contact.states import OPEN, STICK
 from driver.qp.coulomb import BACKWARD, FORWARD, CoulombProblem, StateSystem
 
-SEEDS = 30
+SEEDS = 20
 
 
 def random_problem(seed, nodes, largest=3.0, motions=0, bilateral=False):

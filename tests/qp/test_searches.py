@@ -603,7 +603,7 @@ def test_friction_that_cannot_balance_a_push_is_known_without_a_search():
     Whenever the bounds say that there is no solution, trying all states and signs says so.
     """
     said, none = 0, 0
-    for seed in range(24):
+    for seed in range(12):
         problem = random_problem(seed, 3, 2, True, 0.3)
         problem.motions[:3, 0] = 0.0  # slides along all contact
         expected, n = has_solution(problem), problem.n
