@@ -619,6 +619,18 @@ def test_the_state_without_forces():
     assert found.scales.d == 1.0 and not found.still
 
 
+def test_gaps_that_close_stay_closed_wherever_bodies_go():
+    """What surfaces wear is no motion: bodies that are back find it, and went no farther by it."""
+    load, motion = Load(np.zeros(1), np.array([1.0, -2.0]), 1.0), [np.array([1.0, 0.5])]
+    load.move(motion, np.array([3.0]))
+    load.widen(np.array([0.25, 0.0]))
+    assert load.d.tolist() == [4.25, -0.5] and load.farthest == 3.0
+    change = load.move(motion, np.array([-3.0]))
+    assert load.d.tolist() == [1.25, -2.0] and change.tolist() == [-3.0, -1.5]
+    load.forget()
+    assert load.farthest == 0.0
+
+
 def test_what_has_no_free_motion_stays_where_it_is():
     """Neither bodies that supports hold nor surfaces that do not yield change anything of a step.
     """

@@ -364,6 +364,32 @@ def test_what_cycles_come_to(way, drift, worn, kind, settled):
     assert past.rows[0]["change"] == 1.0 and not past.rows[0]["settled"] or not any(way)
 
 
+@pytest.mark.parametrize("changes, remaining", [
+    ([0.5, 0.1, 0.02], 0.02 * 0.2 / 0.8), ([0.5, 0.1, 0.1], 1.0), ([0.5, 0.1, 0.2], 1.0),
+    ([0.5, 0.1, 0.0999], 1.0), ([0.5], 1.0), ([0.5, 0.1, 1e-6], 1e-6), ([0.5, 0.0, 0.1], 1.0)])
+def test_what_forces_are_still_to_change_by(changes, remaining):
+    """A series goes on as it has begun, to the whole at most; of what tolerances leave open no more
+    than that; relative to the largest force, of any kind. Over a jump nothing is known.
+    """
+    forces = {"normal": np.array([[0.0]]), "tangential": np.array([[-4.0]])}
+    past = Past(rows=[{"change": 1.0}], plan=[0])  # of the first cycle
+    for number, change in enumerate(changes, 1):
+        past.before = {"normal": forces["normal"] - 4.0 * change,
+                       "tangential": forces["tangential"]}
+        found = cycles._of_forces(past, forces, largest, 1e-5)
+        assert found[0] == pytest.approx(change)
+        past.rows.append({"change": found[0]})
+        past.plan.append(0)
+    assert found[1] == pytest.approx(remaining)
+    assert cycles._of_forces(Past(), forces, largest, 1e-5) == (1.0, 1.0)
+    past.plan[-1] = 3
+    assert cycles._of_forces(past, forces, largest, 1e-5)[1] == (
+        1.0 if changes[-1] > 1e-5 else pytest.approx(1e-6))
+    none = {"normal": np.zeros((1, 1)), "tangential": np.zeros((1, 1))}
+    past.before = none
+    assert cycles._of_forces(past, none, largest, 1e-5) == (0.0, 0.0)
+
+
 def test_a_jump_errs_by_what_growth_bends_in_it():
     """Growth that has changed over a jump: by as much in each of the cycles skipped."""
     past = Past(number=9, plan=[0, 7], way=np.ones(1), growth={MOVED: np.array([1.0]),
