@@ -47,8 +47,8 @@ def test_a_kink_is_a_turn_within_two_samples(turns, kinks):
 
 
 @pytest.mark.parametrize("kinks, steps, found", [
-    ([0.5], 4, 4), ([1 / 3], 4, 6), ([0.25, 1 / 3], 5, 12), ([], 4, None), ([0.5 - 0.019 / 4], 4, 4),
-    ([1 / 40], 2, 40), ([1 / 41], 2, None)])
+    ([0.5], 4, 4), ([1 / 3], 4, 6), ([0.25, 1 / 3], 5, 12), ([], 4, None),
+    ([0.5 - 0.019 / 4], 4, 4), ([1 / 40], 2, 40), ([1 / 41], 2, None)])
 def test_steps_that_end_at_kinks(kinks, steps, found):
     """As few as possible, to a fiftieth of a step; up to twenty times as many."""
     assert between_steps.steps_at(2.0 * np.array(kinks), steps, 2.0) == found

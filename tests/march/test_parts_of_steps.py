@@ -373,7 +373,7 @@ def test_what_forces_are_still_to_change_by(changes, remaining):
     """
     forces = {"normal": np.array([[0.0]]), "tangential": np.array([[-4.0]])}
     past = Past(rows=[{"change": 1.0}], plan=[0])  # of the first cycle
-    for number, change in enumerate(changes, 1):
+    for change in changes:
         past.before = {"normal": forces["normal"] - 4.0 * change,
                        "tangential": forces["tangential"]}
         found = cycles._of_forces(past, forces, largest, 1e-5)
