@@ -229,7 +229,9 @@ def test_what_freefem_trips_over(said, old, new, words):
      "amplitude1"),
     (("rectangle(0., 2., 0., 1.);", "body = square(2, 2); addBody(square(3, 3))"),
      "body is set to another mesh, which would be left out: give each body by addBody(mesh)",
-     "rectangle")])
+     "rectangle"),
+    (("rectangle(0., 2., 0., 1.);", "body = square(3, 3); addBody(square(3, 3, [2*x, y]))"),
+     "body is set to another mesh", "rectangle")])
 def test_what_would_be_left_out_in_silence(said, changes, words, place_of):
     message = said(changes, parameters={})
     assert words in message and place(message) == line_of(place_of)
