@@ -4,7 +4,6 @@ import meshio
 import numpy as np
 import pytest
 
-from conftest import read_problem
 from driver.contact.motion import ObstacleMotion
 from driver.files import read_rows, read_table
 from driver.results.tables import contact_file
@@ -296,37 +295,6 @@ macro friction() F"""), ("(way*(1. - abs(t - 1.)))", "(label == 1 ? way*(1. - ab
     assert len(said) == 1 and "departs by 50 %" in said[0] and "at time 1:" in said[0]
     run = solved(scene(PAD), cells=3, steps=8, **TIGHT)
     assert not any("obstacleX" in line for line in run.summary["warnings"])
-
-
-def test_what_steps_miss_of_each_history_is_its_own(exported, named_scene):
-    """Of shifts and of the angle, beside other columns of numbers: the largest distance from the
-    lines between steps, over the largest value, and when.
-    """
-    path = named_scene("missed", """include "scene.idp"
-quasistatic(1.);
-body = square(3, 2, [3*x, y]);
-macro young() 1. //
-macro poisson() 0.3 //
-macro support() on(3, u1 = 0., u2 = 0.) //
-macro contact() 1 //
-macro friction() 0.3 //
-macro obstacle(x, y) y //
-macro obstacleX(t) (0.1*max(0., 1 - 10*abs(t - 0.5))) //
-macro obstacleY(t) (0.2*t^2) //
-macro obstacleAngle(t) (0.01*sin(4*t)) //
-macro obstaclePivot() [1., 0.] //
-include "export.idp"
-""")
-    problem = read_problem(exported(path, steps=3, subdomains=1), reduce=False)
-    motion, fine = problem.structure.contact.motion, np.linspace(0, 1, 25)
-    for name, history in (("obstacleX", lambda t: 0.1 * np.maximum(0, 1 - 10 * np.abs(t - 0.5))),
-                          ("obstacleY", lambda t: 0.2 * t**2),
-                          ("obstacleAngle", lambda t: 0.01 * np.sin(4 * t))):
-        away = np.abs(history(fine) - np.interp(fine, motion.times, history(motion.times)))
-        largest = max(np.abs(history(motion.times)).max(), away.max())
-        part, when = motion.missed[name]
-        assert part == pytest.approx(away.max() / largest, rel=1e-9)
-        assert np.isclose(fine[np.isclose(away, away.max(), rtol=1e-9)], when).any()
 
 
 # ---- kinematics ----------------------------------------------------------------------------------
