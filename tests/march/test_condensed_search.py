@@ -96,6 +96,18 @@ def test_bodies_are_where_they_were_after_a_search_that_failed(fails, monkeypatc
     assert moved == [-2.0]
 
 
+@pytest.mark.parametrize("pressed, changed, settled", [
+    (0.0, 0.0, True), (0.0, 1e-9, False), (4.0, 3.9e-3, True), (4.0, 4.1e-3, False)])
+def test_bounds_settle_beside_the_pressures(pressed, changed, settled):
+    """To a part of them; where nothing presses they are settled if they do not change."""
+    of, x = parts(1, **TIGHT), np.zeros(3 * N)
+    x[1] = pressed
+    change = np.array([0.0, 0.0, changed])
+    assert of.fixed.search._settled(load_of(of), x, change, 1e-3) == settled
+    of.fixed.search.bodies = SimpleNamespace(imbalance=lambda load, x: 2e-3)
+    assert not of.fixed.search._settled(load_of(of), x, change, 1e-3)
+
+
 @pytest.mark.parametrize("solver, changes, corners, proved", [
     (globalization.NO_STATE, False, None, True), ("", False, None, False),
     (globalization.NO_STATE, True, None, False), (globalization.NO_STATE, False, OPEN, False),

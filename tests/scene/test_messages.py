@@ -321,6 +321,18 @@ def test_a_contact_normal_that_points_into_the_body(said, declared, words, more)
     assert "mine.edp line 14: " in message  # of the macro
 
 
+def test_each_side_of_a_corner_faces_the_obstacle(said):
+    """A label round a square of single sides, all of whose nodes are corners."""
+    message = said(("rectangle(0., 2., 0., 1.);",
+                    "int[int] one = [1, 1, 1, 1]; body = square(1, 1, [2*x, y], label = one);"),
+                   ('subdomains("2x1");\n', ""), ("traction(3", "traction(1"),
+                   ("on(4, u1 = 0., u2 = 0.)", "on(1, u2 = 0.)"),
+                   ("macro contact() 1 //",
+                    "macro contact() 1 //\nmacro contactNormal() [0., -1.] //"),
+                   parameters={"steps": "2", "subdomains": "1"})
+    assert "does not point out of the body on label 1 at (" in message
+
+
 @pytest.mark.parametrize("old, new, words", [
     ("macro amplitude1(t) t //", "macro amplitude1(t) min(1, 2*t) //", "write min(1., 2*t)"),
     ("macro young() 1000. //", "macro young() max(y + 1., 2) //", "write max(y + 1., 2.)"),
