@@ -212,11 +212,11 @@ def test_components_with_near_corners_get_the_farthest_vertices(move, known):
 
 def interface(place, pairs):
     """Skeleton of subdomains that meet along chains of edges: (one, other, vertices) each."""
-    rows = [(sub, a, b, other) for one, two, chain in pairs for sub, other in ((one, two), (two, one))
-            for a, b in zip(chain, chain[1:])]
-    rows = np.array(rows)
+    rows = np.array([(sub, a, b, other) for one, two, chain in pairs
+                     for sub, other in ((one, two), (two, one)) for a, b in zip(chain, chain[1:])])
     return SimpleNamespace(gids=np.arange(len(place)), place=np.array(place, float), total=4,
-                           edges=rows[:, :3], neighbour=rows[:, 3], own_edges=np.ones(len(rows), bool))
+                           edges=rows[:, :3], neighbour=rows[:, 3],
+                           own_edges=np.ones(len(rows), bool))
 
 
 LINE = [[0.0, 0.0], [1.0, 0.1], [2.0, 0.0], [4.0, 0.3], [5.0, 0.0], [5.0, 2.0]]
