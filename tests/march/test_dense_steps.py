@@ -370,6 +370,7 @@ def test_what_stays_too_large_is_said():
     with pytest.raises(Unfinished, match="the cone residual stays at 5.0e-01, above the"):
         earned(s)
     assert tried and len(found.asked) > len(tried)
+    assert tried[0] == s.settings.friction_rtol > found.asked[-1 - len(tried)]  # the step's own
 
 
 @pytest.mark.parametrize("farthest, modes, anew", [
