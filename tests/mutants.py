@@ -156,9 +156,11 @@ def concerned(one: Mutant, tables: list[dict]) -> dict[str, dict[str, float]]:
 def phases(tests: dict[str, dict[str, float]], file: str, before: list, limit: float) -> list:
     """Names in the order in which they are tried, by file: cheap ones, and the others up to `limit`
     CPU seconds, with the seconds of each phase; those of `before` come first, then those that lie
-    in the folder of the changed `file`'s package or have its name in theirs.
+    in the folder of the changed `file`'s package (the library's are in scene) or have its name in
+    theirs.
     """
-    folder, stem = f"tests/{Path(file).parent.name}/", Path(file).stem.removesuffix("s")
+    folder = f"tests/{Path(file).parent.name.replace('lib', 'scene')}/"
+    stem = Path(file).stem.removesuffix("s")
 
     def price(test: str) -> float:
         own = test.startswith(folder) or stem in test

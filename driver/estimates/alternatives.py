@@ -122,7 +122,7 @@ class Alternatives:
             errors.append(errors[-1] + abs(a - b))
         return Uniform(element, self.knob, sizes, errors,
                        self._unknowns(**{self.knob: sizes[0]}, **changes),
-                       part.rate if len(values) > 2 else RATE, words={"ELEMENT": element})
+                       RATE, words={"ELEMENT": element})
 
     def _within(self, value: float, error: float | None, own: Uniform) -> float:
         """An error of a companion's `value`: at least its distance from the run, and at most that
@@ -141,14 +141,14 @@ class Alternatives:
         """Adaptive meshes, from the coarsest mesh of the run's kind."""
         start = self.companions.meshes[len(own.sizes) - 1]
         try:
-            level, unknowns = self._refine(start)
+            level, refined = self._refine(start)
         except DriverError:
             return None
         if level is None:
             return None
-        key = (("refined", own.sizes[-1]),)
+        unknowns = self._unknowns(**refined)
         self.took["ADAPT"] = [Measured(unknowns, level.declared, {
-            **self.levels.spent[key], "solve": level.seconds})]
+            **self.levels.spent[tuple(refined.items())], "solve": level.seconds})]
         first = self._within(level.values[self.name], None, own)
         degree = element_kinds.DEGREE[self.manifest.element]
         settings = {self.knob.upper(): f"{float(own.sizes[-1]):g}", **own.words}
@@ -156,10 +156,11 @@ class Alternatives:
                         [self._unknowns(**start), unknowns], ADAPTIVE[degree])
 
     def _refine(self, start: dict):
-        """Level and unknowns of the run on the mesh that is refined once from that of `start`."""
+        """The run on the mesh that is refined once from that of `start`, and what names the mesh.
+        """
         coarse = self.companions.level(start, self.stride)
         if coarse is None:
-            return None, 0.0
+            return None, {}
         problem, levels = self.levels.problem(**start), self.levels
         contact = ContactState(problem.operator, coarse.solver)
         kind = refinement.coarse(dataclasses.asdict(self.companions.settings))["estimator"]
@@ -178,7 +179,7 @@ class Alternatives:
         key = (("refined", start.get(self.knob, self.manifest.parameters[self.knob])),)
         levels.problems[key] = levels.exported(place / "export", start, stem, key)
         level = self.companions.level(dict(key), self.stride, quiet=True)
-        return level, 2.0 * levels.problems[key].manifest.nodes
+        return level, dict(key)
 
     def _of_cycles(self) -> list[Adaptive]:
         """Cycles beyond those of a run that was refined itself."""

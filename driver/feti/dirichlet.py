@@ -41,10 +41,8 @@ class DirichletPreconditioner:
     def soften(self, softness: np.ndarray) -> None:
         """Take up a diagonal (owned,) of F, in the place of the one before; collective."""
         vectors, self.softened = self.vectors, {}
-        share = np.abs(vectors.scaling)
-        total = vectors.gather(vectors.assemble(share)).copy()
-        share = np.divide(share, total, out=np.zeros(len(share)), where=total > 0)
-        own = share * vectors.gather(softness)
+        share = np.abs(vectors.scaling)  # of a row, which sum up to its own, above zero
+        own = share / vectors.gather(vectors.assemble(share)) * vectors.gather(softness)
         for number, (c, S) in enumerate(zip(self.classes, self.schur)):
             for k, _ in enumerate(c.members):
                 rows = slice(c.rows.start + k * len(S), c.rows.start + (k + 1) * len(S))

@@ -15,8 +15,8 @@ class Recovery:
     """Solutions on the rank's subdomains; fields are lists of their (dofs,) arrays.
 
     `rows` are stacked, signed local multipliers, `corner` displacements of the stacked corner dofs;
-    `weights` are the factors of the load patterns, which may go on with those of the rigid motions.
-    Collective where corners are solved for.
+    `weights` are the factors of the load patterns; those of `displacements` go on with the rigid
+    motions', where there are any. Collective where corners are solved for.
     """
 
     def __init__(self, structure: Substructure, classes: list[LocalClass], coarse: CoarseProblem):
@@ -70,8 +70,7 @@ class Recovery:
         right = [self._forces(c, weights, rows, forces) for c in self.classes]
         if corner is None:
             corner = self._corner_response(right, self._torn_response(right))
-            if len(weights) > patterns:
-                corner += (structure.rigid_corners @ weights[patterns:])[self.coarse.numbers]
+            corner += (structure.rigid_corners @ weights[patterns:])[self.coarse.numbers]
         fields = [np.empty(0)] * len(structure.subdomains)
         for c, f in zip(self.classes, right):
             for s, u in zip(c.members, np.ascontiguousarray(_class_displacements(c, f, corner).T)):

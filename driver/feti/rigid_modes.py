@@ -53,15 +53,15 @@ class Springs:
 
 def all_springs(manifest, subdomains, comm) -> Springs:
     """The springs of all subdomains; collective where the scene declares any."""
-    if "springs" not in manifest.rooms:
-        return Springs(np.empty(0, int), np.empty((0, 2)), np.empty((0, 2, 2)))
     parts = [np.empty((0, 6))]
     for sub in subdomains:
         if sub.springs is not None:
             node = np.flatnonzero(sub.springs.any(axis=1))
             parts.append(np.column_stack([np.full(len(node), sub.index), sub.xy[node],
                                           sub.springs[node]]))
-    table = gather(comm, np.concatenate(parts))
+    table = np.concatenate(parts)
+    if "springs" in manifest.rooms:
+        table = gather(comm, table)
     return Springs(table[:, 0].astype(int), table[:, 1:3],
                    table[:, [3, 4, 4, 5]].reshape(-1, 2, 2))
 

@@ -119,7 +119,6 @@ class _Search(Scaled):
 
     def __init__(self, problem: CoulombProblem):
         super().__init__(problem)
-        self.rubs = (problem.coefficient > 0) | (self.offset > 0)
         self.signed = np.zeros(problem.n, bool)  # whether the sign of the force decides on friction
         self.signed[problem.pair] = problem.coefficient > 0
 
@@ -220,7 +219,7 @@ class _Search(Scaled):
             return [(np.where(np.arange(n) == node, state, contact), rub)
                     for state in (ways if likely else ways[::-1])]
         missing = np.where(slip > 0, bound - along, bound + along)
-        wrong = np.where((rub == ANY) & self.rubs, np.minimum(missing, np.abs(slip)), 0.0)
+        wrong = np.where(rub == ANY, np.minimum(missing, np.abs(slip)), 0.0)
         if wrong.max(initial=0.0) <= NOTHING:
             return []
         row = int(wrong.argmax())

@@ -196,6 +196,8 @@ def test_rows_of_joints_come_last_and_are_left_out_again():
     for name in ("gid", "gap", "weight", "term_node", "term_gid", "term_value", "normal"):
         np.testing.assert_array_equal(getattr(back, name), getattr(b, name))
     np.testing.assert_array_equal(back.at(1.0).gap, b.at(1.0).gap)
+    part = np.linspace(0.0, 1.0, n + 4)
+    assert replace(whole, covered=part).declared.covered.tolist() == part[:n].tolist()
     assert back.has_rows_of(b)
     back.normal[0] *= 1 + 1e-15
     assert not back.has_rows_of(b) or (back.normal[0] == b.normal[0]).all()
@@ -222,6 +224,110 @@ def test_neighbours_beside_corners_between_bodies():
 
 
 # ------------------------------------------------------------------------------ obstacles that move
+
+class Faced:
+    """Boundaries of the nodes of label 8, every second of which faces another body at a distance of
+    2 along its normal, wherever it is.
+    """
+
+    about = None
+
+    def __init__(self, nodes):
+        self.nodes, self.here = nodes, np.flatnonzero(nodes.label == 8)
+        nodes.family[self.here], nodes.meeting = 1, [[(8, 9)]]
+        self.gid, self.configuration = np.array([500, 501]), None
+
+    def displaced(self, configuration):
+        self.configuration = configuration
+        return self
+
+    def couple(self, pairs, gid, normal, twin, reach):
+        assert pairs == [(8, 9)] and reach == 7.0
+        faces = np.arange(len(gid)) % 2 == 0
+        weight = np.where(faces, self.nodes.weight[self.here], 0.0)
+        node = np.flatnonzero(faces)
+        return weight, self.nodes.length[self.here], normal, np.full(len(gid), 2.0), (
+            node, gid[node], np.ones(len(node)), np.zeros(len(node), bool))
+
+
+@pytest.fixture(name="follower")
+def _follower():
+    """Contact nodes that follow their motion over a plane that comes and shifts, and Faced."""
+    nodes, skeleton = found()
+    nodes.normal[nodes.label != 8] = [0.0, -1.0]
+    sides, n = Faced(nodes), len(nodes.gid)
+    motion = replace(moving(nodes), gap=np.zeros((2, n)))
+    motion.shift[1] = [0.25, 0.125]
+    plane = Plane(nodes.normal, np.arange(n) + 3.0)
+    following = Following(nodes, motion, plane, 7.0)
+    made = FoundNodes(nodes, chains(nodes, skeleton), (np.zeros(0, int), np.zeros((0, 1))),
+                      np.zeros(n, bool), False)
+    first = following.first(made, np.full(n, 0.5), sides)
+    first.normal_row[:], first.tangential_row[:] = np.arange(n), n + np.arange(n)
+    following.settle(first)
+    return following, first, sides
+
+
+def test_what_follows_has_the_condition_of_the_plane_about_any_displacement(follower):
+    """n . u <= gap with the same gap: that of the plane as it stands at the time, of the other body
+    beyond what is added to its geometry; rows are those of the first boundary.
+    """
+    following, first, sides = follower
+    nodes, gids = following.nodes, following.gids
+    assert gids.tolist() == sorted({*nodes.gid.tolist(), 500, 501}) and first.start is first
+    moved = np.random.default_rng(3).standard_normal((len(gids), 2))
+    for time in (0.0, 1.0):
+        about = following.about(moved, time)
+        assert sides.configuration.u is moved and about.about.gid is gids and about.time == time
+        u = moved[np.searchsorted(gids, about.gid)]
+        rigid = ~about.paired
+        order = np.array([np.flatnonzero((nodes.gid == g) & (nodes.label == label)
+                                         & (np.abs(nodes.normal - normal).sum(axis=1) < 1e-9))[0]
+                          for g, label, normal in zip(about.gid, about.label, about.normal)])
+        offset = (order + 3.0 - (about.normal * nodes.xy[order]).sum(axis=1)
+                  + (about.normal * [0.25 * time, 0.125 * time]).sum(axis=1))
+        np.testing.assert_allclose(about.gap[rigid], offset[rigid], rtol=1e-12)
+        faces = about.paired & ~about.idle
+        np.testing.assert_allclose(about.gap[faces], 0.5 + 2.0)
+        # what faces nothing may go as far as it is asked to be followed
+        idle = about.idle
+        assert 0 < idle.sum() < faces.sum() + idle.sum()
+        np.testing.assert_allclose(about.gap[idle], 7.0 + (about.normal * u).sum(axis=1)[idle])
+        np.testing.assert_array_equal(about.motion.gap_at(5.0), about.gap)
+        np.testing.assert_allclose(about.motion.xy, nodes.xy[order] + u)
+        np.testing.assert_allclose(about.motion.tangent, about.tangent)
+        np.testing.assert_array_equal(about.normal_row, first.normal_row)
+        np.testing.assert_array_equal(about.tangential_row, first.tangential_row)
+
+
+def test_joints_are_rows_of_what_follows_as_well(follower, monkeypatch):
+    following, _, _ = follower
+    monkeypatch.setattr("driver.contact.joints.appended",
+                        lambda boundary, rows: replace(boundary, joined=len(rows)))
+    moved = np.zeros((len(following.gids), 2))
+    assert following.about(moved, 0.0).joined == 0
+    following.joints = ["a row", "another"]
+    assert following.about(moved, 0.0).joined == 2
+
+
+def test_times_after_the_last_are_those_of_the_cycle():
+    """From the one it begins with on; the end of a cycle is itself, not its beginning."""
+    n, times = 1, np.array([0.0, 1.0, 2.0, 3.5, 5.0])
+    motion = ObstacleMotion(times, np.arange(5.0)[:, None], np.zeros((5, n, 2)), np.zeros((5, n)),
+                            np.zeros((n, 2)), np.zeros((n, 2)), np.zeros((n, 2)), again=1)
+    for time, index in ((0.0, 0), (1.0, 1), (5.0, 4), (5.0 + 1e-12, 4), (6.0, 2), (7.5, 3),
+                        (9.0, 1), (10.0, 2), (13.5 + 2, 3)):
+        assert motion.index(time) == index and motion.gap_at(time) == index
+    assert motion.padded(0) is motion
+    more = motion.padded(2)
+    assert more.gap.shape == (5, 3) and not more.gap[:, 1:].any() and more.pivot.shape == (3, 2)
+    assert more.shift.shape == (5, 3, 2) and more.tangent.shape == more.xy.shape == (3, 2)
+    assert not motion.returns()
+    motion.gap[4] = 1.0
+    assert motion.returns()
+    motion.angle[4] = 1.0
+    assert not motion.returns()
+
 
 def test_a_moving_outline_is_seen_from_where_it_stands():
     """A circle that has shifted and turned about a point: distances and normals of the circle

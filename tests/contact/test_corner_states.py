@@ -34,6 +34,24 @@ def switched(nodes: CornerNodes, force, over) -> tuple[bool, int]:
     return changed, int(nodes.acting[0])
 
 
+@pytest.mark.parametrize("slip", [(1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (0.0, -1.0), (1.0, 0.0)])
+@pytest.mark.parametrize("pulls", [(False, False), (True, False)])
+def test_what_a_corner_arrives_with_is_shared_by_the_law_of_sliding(slip, pulls):
+    """Pressures and friction on its bound, the way that each side slides, make up the force."""
+    nodes, force = corner(bilateral=pulls), np.array([-3.0, -2.0])
+    F, c = np.array([0.3, 0.2]), np.array([0.1, 0.05])
+    rows = SimpleNamespace(coefficient=F, offset=c)
+    nodes.rested = np.array([False])
+    p, q = nodes._parts(0, force, np.array(slip), rows, 1e-9)
+    way = np.sign(slip)
+    np.testing.assert_allclose(q, way * (F * np.abs(p) + c))
+    normal = -np.eye(2)
+    tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
+    np.testing.assert_allclose(p @ normal + q @ tangent, force, rtol=1e-12)
+    assert nodes._parts(0, force, np.zeros(2), rows, 1e-9) is None
+    assert nodes._parts(0, force, np.array(slip), None, 1e-9) is None
+
+
 def test_a_corner_takes_the_state_that_its_conditions_ask_for():
     nodes = corner()
     assert nodes.excluded.tolist() == [2, 3]

@@ -1,9 +1,13 @@
 """What the contact rows of one rank say of its nodes."""
 
+from types import SimpleNamespace
+
+import constants
 import numpy as np
 import pytest
 
-from driver.contact.rows import ContactRows, contact_rows
+from driver.contact import rows as module
+from driver.contact.rows import ContactLaw, ContactRows, contact_rows
 from driver.contact.states import OPEN, SLIP, STICK
 from driver.effects import Effects
 
@@ -25,6 +29,27 @@ def test_only_without_friction_nothing_holds_a_node(tangential, friction, touchi
     assert states.tolist() == [touching, OPEN]
 
 
+def test_rows_of_idle_nodes_do_not_act(monkeypatch):
+    """On the rank that has them, by their place there; a node may have rows of one kind alone."""
+    monkeypatch.setattr(module, "corner_nodes", lambda *_: None)
+    contact = SimpleNamespace(
+        gid=np.arange(5), gap=np.arange(5.0), idle=np.array([True, False, True, True, False]),
+        normal_row=np.array([9, 10, 12, -1, 15]), tangential_row=np.array([20, 11, -1, 14, 16]))
+    structure = SimpleNamespace(contact=contact, row_range=(10, 17),
+                                row_kind=np.array([1, 2, 1, 0, 2, 1, 2]))
+    law = ContactLaw(np.full(5, 0.5), None, np.array([False, True, True, False, False]))
+    of = contact_rows(structure, law)
+    assert of.normal.tolist() == [0, 2, 5] and of.normal_node.tolist() == [1, 2, 4]
+    assert of.tangential.tolist() == [1, 4, 6] and of.idle.tolist() == [2, 4]
+    assert of.gap.tolist() == [1.0, 2.0, 4.0] and of.gluing.tolist() == [3]
+    lower, upper = of.limits_at(7, np.array([3.0, 4.0, 5.0]))
+    inf = np.inf
+    assert lower.tolist() == [-inf, -3, 0, -inf, 0, 0, -5]
+    assert upper.tolist() == [inf, 3, 0, inf, 0, inf, 5]
+    contact.idle[:] = False
+    assert contact_rows(structure, law).idle is None
+
+
 def test_every_contact_row_is_of_one_rank(built):
     """Wherever ranks part the rows, also in front of a tangential one."""
     problem = built(cells=2, subdomains="2x1")
@@ -41,3 +66,7 @@ def test_every_contact_row_is_of_one_rank(built):
             assert sorted(found) == expected
     finally:
         structure.row_range = known
+
+
+def test_constants_that_are_called_parts_are_between_none_and_all():
+    assert not constants.beyond("contact")

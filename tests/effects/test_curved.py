@@ -130,6 +130,60 @@ def test_middles_are_on_circles(rings):
     assert np.abs(sub.xy[straight, 1]).max() < 1e-13
 
 
+def test_a_long_side_among_short_ones_is_no_corner(exported, named_scene):
+    """Eight times as long as its neighbours on one circle: its middle is on it all the same."""
+    path = named_scene("uneven", """include "scene.idp"
+func real angle(real t) { return 0.5*t + (t > 0.55 ? 0.35 : 0.); }
+border a(t=0, 1) { x = 1 + t; y = 0; label = 1; }
+border b(t=0, 1) { x = 2*cos(angle(t)); y = 2*sin(angle(t)); label = 2; }
+border c(t=0, 1) { x = (2 - t)*cos(0.85); y = (2 - t)*sin(0.85); label = 3; }
+border d(t=1, 0) { x = cos(0.85*t); y = sin(0.85*t); label = 4; }
+body = buildmesh(a(4) + b(10) + c(4) + d(4), fixedborder = 1);
+macro curved() 2 //
+""" + MATERIAL + """
+macro support() on(1, u1 = 0., u2 = 0.) //
+macro load1() pressure(2, 1.) //
+include "export.idp"
+""")
+    sub, = read_problem(exported(path, element="P2", subdomains=1), reduce=False).subdomains
+    edges = sub.edges[sub.edge_label == 2]
+    length = np.linalg.norm(np.diff(sub.xy[edges], axis=1)[:, 0], axis=1)
+    assert np.sort(length)[-1] > 7 * np.sort(length)[-2]
+    assert np.abs(np.hypot(*sub.xy[sub.middles(edges)].T) - 2).max() < 1e-6
+
+
+@pytest.mark.parametrize("element", QUADRATIC)
+def test_each_side_of_a_corner_on_a_curve_has_its_own_normal(exported, named_scene, element):
+    """A label round a quarter of a disc and along its straight foot: the corner is two nodes, one
+    of which faces down; all together face and weigh as much as the turned chord of the label.
+    """
+    path = named_scene("cornered", """include "scene.idp"
+border a(t=0, 1) { x = t; y = 0; label = 5; }
+border b(t=0, pi/2) { x = cos(t); y = sin(t); label = 5; }
+border c(t=1, 0) { x = 0; y = t; label = 3; }
+body = buildmesh(a(4) + b(7) + c(4));
+macro curved() 5 //
+""" + MATERIAL + """
+macro support() on(3, u1 = 0.) //
+macro contact() 5 //
+include "export.idp"
+""")
+    problem = read_problem(exported(path, element=element, subdomains=1), reduce=False)
+    contact = problem.structure.contact
+    weight, normal, xy = contact.weight, contact.normal, contact.xy
+    np.testing.assert_allclose(weight @ normal, [1.0, -1.0 + 1.0], atol=1e-6)
+    corner = np.flatnonzero(np.hypot(xy[:, 0] - 1, xy[:, 1]) < 1e-9)
+    assert len(corner) == 2
+    down, aside = corner[np.argsort(normal[corner, 1])]
+    np.testing.assert_allclose(normal[down], [0, -1], atol=1e-9)
+    # of a parabola through three points of an eleventh of a turn
+    assert normal[aside, 0] > 0.99 and abs(normal[aside, 1]) < 0.15
+    foot = np.abs(xy[:, 1]) < 1e-9
+    np.testing.assert_allclose(normal[foot & (xy[:, 0] < 0.99)], np.tile(
+        [0, -1], (np.count_nonzero(foot) - 2, 1)), atol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1.0, rtol=1e-12)
+
+
 def test_integrals_along_sides(rng=np.random.default_rng(4)):
     """Normals add up to the turned chord, shape functions to the length of the parabola."""
     xy = np.array([[0.0, 0.0], [2.0, 0.5], [1.1, 0.0]]) + 0.1 * rng.random((5, 3, 2))

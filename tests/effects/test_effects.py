@@ -4,6 +4,7 @@ import importlib
 from pathlib import Path
 from types import SimpleNamespace
 
+import constants
 import numpy as np
 import pytest
 
@@ -250,7 +251,9 @@ def test_undeclared_effects_cost_nothing():
     ([[0], [0], [0]], True),
 ])
 def test_proportional(amplitudes, expected):
-    assert proportional(np.array(amplitudes, float)) is expected
+    for unit in (1.0, 1e-9, 1e9):
+        assert proportional(unit * np.array(amplitudes, float)) is expected
+    assert not proportional(1e9 * np.array([[0, 0], [1.0, 2], [2, 4 + 1e-10]]))
 
 
 def test_time_matters_only_with_friction_and_a_way():
@@ -390,3 +393,7 @@ def test_study_refuses(tmp_path, command):
     assert done.returncode == 2 and "Traceback" not in done.stderr
     assert "stepz" in done.stderr.lower()
     assert {path.name for path in tmp_path.iterdir()} <= {STUDY}  # the mark of its folder
+
+
+def test_constants_that_are_called_parts_are_between_none_and_all():
+    assert not constants.beyond("effects")

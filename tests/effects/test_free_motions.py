@@ -11,6 +11,7 @@ from mpi4py import MPI
 from driver.contact.kkt import Scales
 from driver.contact.rows import ContactRows
 from driver.effects.free_bodies import LOOSE, FreeBodies, _least, _sum
+from driver.feti import free_motions
 
 
 def mode(body=0, translation=(1.0, 0.0), rotation=0.0) -> SimpleNamespace:
@@ -182,3 +183,14 @@ def test_why_bodies_do_not_rest_names_what_there_is(contact, friction, index, ho
         operator=SimpleNamespace(structure=SimpleNamespace(rigid_modes=[mode(1)])))
     said = FreeBodies._why_no_rest(bodies, index, np.array([2.0]))
     assert said.startswith(f"no equilibrium: {how} the loads on body 2 (2, 0), which")
+
+
+def test_bodies_with_supports_count_beside_the_forces_that_touch_them(monkeypatch):
+    """Those that are not free to move in all three ways, each with its own motions."""
+    modes = [SimpleNamespace(body=body) for body in (0, 0, 0, 2, 3, 3)]
+    structure = SimpleNamespace(rigid_modes=modes)
+    bodies = object.__new__(FreeBodies)
+    bodies.operator = SimpleNamespace(structure=structure, classes="classes", vectors="vectors")
+    monkeypatch.setattr(free_motions, "touched", lambda *given: given)
+    assert bodies._touched == {2: (structure, "classes", "vectors", modes[3:4]),
+                               3: (structure, "classes", "vectors", modes[4:])}

@@ -316,6 +316,16 @@ def test_of_several_places_that_are_faced_the_nearest_counts():
     assert not mortar.couple(first, second, held, reach=0.1).weight.any()
 
 
+def test_what_faces_nothing_between_two_others_is_not_coupled():
+    """One place is faced twice, another, beyond a part that faces nothing, once."""
+    first = Side(np.array([[0.0, 0], [4, 0]]), np.array([[1, 0]]), np.array([[0.0, 1]]))
+    ends = np.array([[1.0, 0.5], [2, 0.5], [0.5, 2], [2.5, 2], [3, 0.5], [4, 0.5]])
+    second = Side(ends, np.array([[0, 1], [2, 3], [4, 5]]), np.tile([0.0, -1.0], (3, 1)))
+    coupled = mortar.couple(first, second, np.zeros(2, bool), reach=3.0)
+    assert coupled.weight.sum() == pytest.approx(2.0 + 1.0)
+    assert (coupled.weight * coupled.gap).sum() == pytest.approx(0.5 + 2 * 0.5 * 2.0 + 0.5)
+
+
 def test_a_curve_of_segments_is_smooth_between_them():
     """Twelve cubics over chords c of a circle of radius 1 miss it by its fourth derivative over its
     chord, 3, times c^4/384, and distances from it by as little."""

@@ -45,7 +45,7 @@ def test_the_distance_of_a_plane_is_that_along_the_normal():
     assert np.isfinite(found).all() and (found[:, 2] >= way).all() and (found[:, 3] > 0).all()
 
 
-@pytest.mark.parametrize("reach, refused", [(0.1, False), (-0.1, True)])
+@pytest.mark.parametrize("reach, refused", [(0.1, False), (0.0, False), (-0.1, True)])
 def test_an_obstacle_that_comes_from_behind_is_refused(reach, refused):
     """At the time and the place where it covers a node that looks away from it."""
     at = nodes([[2, 3], [4, 5]], [[0, -1], [0, 1]])

@@ -71,7 +71,7 @@ class Scene:
             if not refine:
                 raise NotConverged("too coarse")
             key = {"refined": mesh.get(self.knob, self.size)}
-            return self.level(key, 4), 2.0 * self.nodes(key)
+            return self.level(key, 4), key
 
         of._refine = refined
         return of, {kind.name: kind for kind in of.kinds()}

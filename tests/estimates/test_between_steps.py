@@ -33,6 +33,27 @@ def test_what_steps_miss_is_named_with_steps_that_do_not(history, steps, step, b
     assert not between_steps.warnings(manifest(history, better))
 
 
+@pytest.mark.parametrize("turns, kinks", [(1, 1), (2, 1), (3, 1), (4, 0), (6, 0)])
+def test_a_kink_is_a_turn_within_two_samples(turns, kinks):
+    """Where the lines before and after it meet; what takes longer is a bend."""
+    slope = np.repeat([0.5, 0.0, -1.0], [20, turns - 1, 20])
+    slope[20 : 19 + turns] = 0.5 - 1.5 * np.arange(1, turns) / turns
+    times = np.arange(len(slope) + 1.0)
+    fine = np.append(0.0, np.cumsum(slope))
+    found = between_steps._kinks(times, fine)
+    assert len(found) == kinks
+    if kinks:  # 0.5 t = fine[-1] + (t_end - t)
+        assert found[0] == pytest.approx((fine[-1] + times[-1]) / 1.5)
+
+
+@pytest.mark.parametrize("kinks, steps, found", [
+    ([0.5], 4, 4), ([1 / 3], 4, 6), ([0.25, 1 / 3], 5, 12), ([], 4, None),
+    ([0.5 - 0.019 / 4], 4, 4), ([1 / 40], 2, 40), ([1 / 41], 2, None)])
+def test_steps_that_end_at_kinks(kinks, steps, found):
+    """As few as possible, to a fiftieth of a step; up to twenty times as many."""
+    assert between_steps.steps_at(2.0 * np.array(kinks), steps, 2.0) == found
+
+
 def test_smooth_histories_and_kinks_at_steps_are_no_reason_to_warn():
     assert not between_steps.warnings(manifest(lambda t: -4 * t**2 + 5 * t, 20))
     assert not between_steps.warnings(manifest(lambda t: 1 - abs(2 * t - 1), 20))

@@ -223,6 +223,20 @@ def test_a_mesh_that_does_not_resolve_the_solution_leaves_no_claims_of_contact(e
         assert known or "too coarse" in parts[name].note
 
 
+@pytest.mark.parametrize("element, fewest", [("P1", 5), ("P2", 7), ("P2-mixed", 7)])
+def test_how_few_nodes_tell_nothing(element, fewest):
+    """None are no contact, of which nothing is to be told; so are none on a round boundary."""
+    values = {"displacement": 1.0, "slip": 0.1}
+    for nodes in range(9):
+        found = unresolved.parts(values, 0.5, touching(nodes), element, False)
+        assert set(found) == (set(values) if 0 < nodes < fewest else set())
+    for round_ in range(5):
+        found = unresolved.parts(values, 0.5, touching(round=round_), element, True)
+        assert set(found) == ({"slip"} if 0 < round_ < 3 else set())
+    assert set(unresolved.parts(values, 0.501, touching(), element, True)) == {"slip"}
+    assert unresolved.energy_error(None) == unresolved.energy_error({"norm": 0.0}) == 0.0
+
+
 @pytest.mark.parametrize("energy, smoothed, blind", [
     ({"kind": "equilibrated", "mesh": 1.0}, 0.2, True),
     ({"kind": "equilibrated", "mesh": 1.0}, 0.3, False),

@@ -97,6 +97,8 @@ def test_multipliers_make_the_same_forces():
     assert found[6] == 9.0
     of.constrained[0] = [False, True]  # with a row along the boundary all the same
     np.testing.assert_allclose(of.multipliers(np.full(7, 9.0), rows), found)
+    b.tangential_row -= N  # of rows that are numbered from zero on
+    np.testing.assert_allclose(of.multipliers(np.full(7, 9.0), rows), found)
     held = made(normals, constrained=[(1, 0)])
     force = held._nodal(held.moments)[:N]
     normal = held.multipliers(np.zeros(7), rows)[1]

@@ -9,9 +9,28 @@ import pytest
 from mpi4py import MPI
 
 from bounds import expected_total, true_error
-from driver.estimates import budget
+from driver.estimates import budget, energy
 from driver.estimates.bound import COULOMB, EARLIER, coupling
 from driver.estimates.energy import EnergyEstimator, of_time
+
+
+@pytest.mark.parametrize("element, kind, why, taken", [
+    ("P1", "equilibrated", "", "equilibrated"), ("P1", "equilibrated", "points", "recovery"),
+    ("P2", "equilibrated", "", "recovery"), ("P1", "recovery", "points", "recovery"),
+    ("P2", "none", "", "none")])
+def test_smoothed_stresses_take_the_place_of_a_bound_that_there_is_not(monkeypatch, element, kind,
+                                                                      why, taken):
+    """And only there it is said why: who asks for them gets what was asked for."""
+    monkeypatch.setattr(energy, "Effects", lambda manifest: SimpleNamespace(no_bound=lambda: why))
+    monkeypatch.setattr(EnergyEstimator, "_changes_kind", lambda self: False)
+    operator = SimpleNamespace(structure=None, comm=MPI.COMM_SELF)
+    found = EnergyEstimator(operator, SimpleNamespace(element=element), None, kind)
+    assert found.kind == taken and bool(found.why) == (taken != kind)
+    steps = [SimpleNamespace(index=k) for k in range(4)]
+    for step, stored in zip(steps, (1.0, 3.0, 3.0, 2.0)):
+        found.consider(step, {"step": step.index}, stored)
+    # the last one, and the first of those with most energy, in the order in which they came
+    assert sorted(step.index for step, _ in found.considered) == [1, 3]
 
 
 def test_parts_answer_to_their_own_knob(estimated):

@@ -325,3 +325,25 @@ def test_effectivity_where_normals_turn(estimated, split, exported, read, steps_
     error = true_error(estimator, reference)
     # on curves the jump is closed inside edges: the correction is as large as the bow of an edge
     assert error <= found.total and found.total - found.correction <= 1.5 * error
+
+
+def test_a_joined_field_is_continuous_and_zero_at_the_ends_of_sides():
+    """Where pieces leave parts of sides uncovered it falls from their ends to nothing; a side whose
+    end a piece reaches keeps its values, and has no part in those of another one.
+    """
+    triangle = np.tile([[0.0, 0.0], [1.0, 0.0], [0.5, 1.0]], (3, 1, 1))
+    at = np.array([[0.0, 1.0], [0.3, 0.6], [0.6, 0.8], [0.0, 0.5]])
+    values = np.arange(1.0, 17.0).reshape(4, 2, 2)
+    fan = Fan.of(triangle, np.array([2, 0, 0, 1]), at)
+    field = fan.joined(values)
+    sides = {}
+    for owner, (start, stop), piece, (left, right) in zip(fan.owner, fan.at, fan.piece, field):
+        sides.setdefault(int(owner), []).append((start, stop, left.tolist(), right.tolist()))
+        if piece >= 0:
+            np.testing.assert_array_equal([left, right], values[piece])
+    assert [part[:2] for part in sides[0]] == [(0, 0.3), (0.3, 0.6), (0.6, 0.8), (0.8, 1)]
+    for owner, parts in sides.items():
+        covered = {0: (1, 3), 1: (0, 1), 2: (0, 1)}[owner]
+        assert parts[0][0] == 0 and parts[-1][1] == 1
+        assert covered[0] == 0 or parts[0][2:] == ([0, 0], parts[1][2])
+        assert covered[1] == len(parts) or parts[-1][2:] == (parts[-2][3], [0, 0])

@@ -1,8 +1,14 @@
 """Warnings about mesh and numbers: said where they are due, and only there."""
 
+from types import SimpleNamespace
+
+import constants
+import numpy as np
 import pytest
+from mpi4py import MPI
 
 from driver import environment
+from driver.estimates import soundness
 
 QUICK = {"SUBDOMAINS": "2x1", "CELLS": 4, "STEPS": 1, "ERRORS": "no"}
 
@@ -28,6 +34,39 @@ def test_locking(solved, nu, cells, locks):
 def test_locking_of_quadratic_elements(solved, element, nu, locks):
     run = solved("hard/block", **QUICK, POISSON=nu, ELEMENT=element)
     assert said(run, "P2 elements lock") == said(run, "ELEMENT=P2-mixed does not lock") == locks
+
+
+@pytest.mark.parametrize("element, squares, locks", [
+    ("P1", (2.0, 0.0, 10.0, 10.0, 4.1, 1.0), True), ("P1", (2.0, 0.0, 10.0, 10.0, 3.9, 1.0), False),
+    ("P1", (2.0, 0.0, 10.0, 1.9, 0.0, 1.0), True), ("P1", (2.0, 0.0, 10.0, 2.1, 0.0, 1.0), False),
+    ("P1", (0.19, 0.0, 10.0, 10.0, 9.0, 1.0), False),
+    ("P1", (0.21, 0.0, 10.0, 10.0, 9.0, 1.0), True),
+    ("P1", (0.0, 0.0, 0.0, 0.0, 9.0, 1.0), False),
+    ("P2", (2.0, 0.22, 10.0, 10.0, 0.0, 1.0), True),
+    ("P2", (2.0, 0.23, 10.0, 10.0, 9.0, 1.0), False),
+    ("P2", (0.19, 0.0, 10.0, 10.0, 9.0, 1.0), False),
+    ("P2-mixed", (9.0, 0.0, 1.0, 1.0, 9.0, 1.0), False)])
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e8])
+def test_when_elements_are_said_to_lock(monkeypatch, element, squares, locks, unit):
+    """Pressure that changes from element to element by more than a tenth of the stress, with four
+    times the energy of the rest or more than its stresses are; of quadratic elements by three times
+    as much as these change. In any unit of squares of stresses.
+    """
+    monkeypatch.setattr(soundness, "_oscillation", lambda *_: unit * np.array(squares))
+    law = np.array([[[100.0, 98.0, 0], [98.0, 100.0, 0], [0, 0, 1.0]]])
+    operator = SimpleNamespace(comm=MPI.COMM_SELF, follow=lambda step: None,
+                               deformations=lambda x, weights: [])
+    problem = SimpleNamespace(
+        operator=operator, structure=SimpleNamespace(subdomains=[SimpleNamespace(elasticity=law)]),
+        manifest=SimpleNamespace(element=element, material="isotropic", plane="strain", nodes=9))
+    step = SimpleNamespace(index=3, multipliers=None, weights=None)
+    lines = soundness.locking(problem, step)
+    assert bool(lines) == locks
+    change = 100 * np.sqrt(squares[0] / (squares[2] + squares[3])) if locks else 0.0
+    assert not locks or f"step 3: {element} elements lock" in lines[0] and (
+        f"by {change:.0f} % of the stress" in lines[0])
+    law[0, 0, 1] = 9.9  # far enough from incompressible
+    assert not soundness.locking(problem, step)
 
 
 def test_no_locking_in_plane_stress_or_uniform_strain(solved, tmp_path):
@@ -76,3 +115,7 @@ include "export.idp"
         whole = 9 * 0.31 if lost else 4.5
         assert run.history["load_y"][-1] + whole == pytest.approx(9 * lost, abs=1e-12)
         assert said(run, "load3 jumps inside an edge") == bool(lost)
+
+
+def test_constants_that_are_called_parts_are_between_none_and_all():
+    assert not constants.beyond("estimates")

@@ -4,6 +4,7 @@ Bodies are cut triangle by triangle: into single triangles, separate pieces, rin
 and parts that touch in a vertex.
 """
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,7 +19,7 @@ from test_operator import check_compliance
 
 from driver.errors import InputError
 from driver.feti import coarse
-from driver.feti.corners import _spread, corner_vertices
+from driver.feti.corners import _farthest_points, _spread, corner_vertices
 from driver.feti.dirichlet import DirichletPreconditioner
 from driver.feti.operator import DualOperator
 from driver.feti.rigid_parts import LeastDeformation
@@ -207,6 +208,76 @@ def test_components_with_near_corners_get_the_farthest_vertices(move, known):
     expected = {(): {0, 1, 3, 4, 6, 7}, (2,): {2, 0, 3, 4, 6, 7},
                 (5, 6): {0, 1, 5, 3, 6, 7}}[tuple(known)]
     assert set(added.tolist()) == expected
+
+
+def interface(place, pairs):
+    """Skeleton of subdomains that meet along chains of edges: (one, other, vertices) each."""
+    rows = np.array([(sub, a, b, other) for one, two, chain in pairs
+                     for sub, other in ((one, two), (two, one)) for a, b in zip(chain, chain[1:])])
+    return SimpleNamespace(gids=np.arange(len(place)), place=np.array(place, float), total=4,
+                           edges=rows[:, :3], neighbour=rows[:, 3],
+                           own_edges=np.ones(len(rows), bool))
+
+
+LINE = [[0.0, 0.0], [1.0, 0.1], [2.0, 0.0], [4.0, 0.3], [5.0, 0.0], [5.0, 2.0]]
+
+
+@pytest.mark.parametrize("pairs, corners, added", [
+    ([(0, 1, [0, 1, 2, 3])], [], {0, 3}), ([(1, 0, [0, 1, 2, 3])], [1, 3], {0, 1}),
+    ([(0, 1, [0, 1, 2, 3])], [0, 3], set()), ([(0, 1, [0, 1, 2, 3])], [0], {0, 3}),
+    # pieces of other pairs stay apart, and so do those that a corner divides
+    ([(0, 1, [0, 1, 2]), (0, 2, [2, 3, 4])], [2], {0, 2, 4}),
+    ([(0, 1, [0, 1, 2]), (0, 1, [3, 4, 5])], [0, 2], {4, 5}),
+    # one that returns to its corner hangs on it
+    ([(0, 1, [0, 2, 5, 0])], [0], {0, 5})])
+def test_pieces_of_interfaces_have_two_corners(pairs, corners, added):
+    """The vertices that are farthest from one another, or from the corner that there is."""
+    found = _farthest_points(interface(LINE, pairs), np.array(corners, int))
+    assert set(found.tolist()) == added
+
+
+def outline(polygons, labels=None):
+    """Skeleton of one subdomain with these outlines."""
+    edges, place = [], []
+    for k, polygon in enumerate(polygons):
+        n, first = len(polygon), len(place)
+        edges += [(0, first + i, first + (i + 1) % n, labels[k] if labels else 1) for i in range(n)]
+        place += list(polygon)
+    skeleton = object.__new__(Skeleton)
+    skeleton.comm, skeleton.edges, skeleton.place = MPI.COMM_SELF, np.array(edges), np.array(place)
+    skeleton.gids, skeleton.own_edges = np.arange(len(place)), slice(0, len(edges))
+    skeleton.shared = np.zeros(len(edges), bool)
+    return skeleton
+
+
+SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+
+
+@pytest.mark.parametrize("other, crosses", [
+    (SQUARE + [1.0, 0.0], False), (SQUARE + [1.0, 0.3], False),  # side by side
+    (0.5 * SQUARE + [0.25, 0.25], False),  # a hole
+    (SQUARE + [3.0, 0.0], False), (SQUARE + [0.9, 0.4], True), (SQUARE + [1.0 - 1e-6, 0.3], True),
+    (0.2 * SQUARE + [0.9, 0.5], True)])
+@pytest.mark.parametrize("turn", [0.0, 0.7, 2.0])
+def test_outlines_that_cross_are_refused_where_they_do(other, crosses, turn):
+    """Not where they touch, whichever way they lie; nor of the labels of pairs. At the middle of an
+    edge that crosses another one.
+    """
+    spin = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    crossing = outline([SQUARE @ spin.T, other @ spin.T], [1, 2])
+    if not crosses:
+        crossing.check_overlap(np.zeros(0, int))
+        return
+    with pytest.raises(InputError, match="crosses itself near ") as said:
+        crossing.check_overlap(np.zeros(0, int))
+    place = np.array(re.search(r"\((.*), (.*)\)", str(said.value)).groups(), float)
+    middles = [(edge + np.roll(edge, -1, axis=0)) / 2 for edge in (SQUARE @ spin.T, other @ spin.T)]
+    # four digits and more are said
+    assert np.abs(np.concatenate(middles) - place).max(axis=1).min() < 1e-5
+    crossing.check_overlap(np.array([2]))
+    bow = outline([SQUARE[[0, 2, 1, 3]]])
+    with pytest.raises(InputError, match=r"near \(0.5, 0.5\)"):
+        bow.check_overlap(np.zeros(0, int))
 
 
 @every_cut

@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import constants
 import numpy as np
 import pytest
 
@@ -30,3 +31,7 @@ def test_parts_are_joined_in_the_order_of_ranks():
     comm = SimpleNamespace(size=3, allgather=lambda _: list(map(len, parts)), Allgatherv=allgatherv)
     gathering = Gathering(comm, 2)
     assert gathering.size == 5 and gathering(parts[0]).tolist() == [1, 2, 3, 4, 5]
+
+
+def test_constants_that_are_called_parts_are_between_none_and_all():
+    assert not constants.beyond("feti")

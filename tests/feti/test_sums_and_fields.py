@@ -11,6 +11,7 @@ from driver.feti import vectors
 from driver.feti.gathering import by_node, exact_sum, joined, lookup
 from driver.feti.nodal import NodalFields
 from driver.feti.operator import DualOperator
+from driver.feti.rigid_parts import LeastDeformation, RigidParts
 from driver.feti.rigid_modes import RigidMode, Springs, _motions
 from driver.feti.travel import Bodies, _rigid_part
 
@@ -71,6 +72,18 @@ def test_the_latest_fields_are_kept_for_readers_alone(operator):
         np.testing.assert_array_equal(u, v)
 
 
+def test_displacements_of_corners_are_those_of_the_fields(operator):
+    """By their numbers in the coarse problem, whichever subdomain has them."""
+    x = np.random.default_rng(5).standard_normal(operator.owned)
+    weights, structure = np.ones(operator.structure.patterns), operator.structure
+    whole, known = operator.coarse_displacements(x, weights), 0
+    for u, dofs, numbers in zip(operator.deformations(x, weights), structure.corner_dofs,
+                                structure.corner_global):
+        np.testing.assert_allclose(whole[numbers], u[dofs], atol=1e-10 * np.abs(u).max())
+        known += len(numbers)
+    assert known > structure.coarse_dofs == len(whole)
+
+
 @pytest.mark.parametrize("many", [0, 10**6])
 def test_scalar_products_of_blocks_are_those_of_columns(operator, monkeypatch, many):
     """By partial sums in the order of subdomains, or, of more than MANY of them, by whole numbers.
@@ -103,6 +116,71 @@ def test_rigid_motions_in_two_units():
                                bodies.rigid(1, xy))
     bodies.possible = np.array([0.0, 1.0, 0.0])  # of revolution: along the axis alone
     assert not bodies.rigid(1, xy)[:, :, [0, 2]].any()
+
+
+def bodies_in_pieces():
+    """Two bodies, the first in two subdomains, of triangles far from the origin."""
+    first = np.array([[7.0, 3], [9, 3.5], [8.5, 5], [6.5, 4.5]])
+    places = [first[[0, 1, 2]], first[[0, 2, 3]], np.array([[-4.0, 2], [-3, 2], [-3.5, 2.25]])]
+    subs = [SimpleNamespace(index=k, xy=xy, elements=np.array([[0, 1, 2]]))
+            for k, xy in enumerate(places)]
+    bodies = Bodies(np.array([0, 0, 1]), np.array([[7.75, 4.0], [-3.5, 2.125]]),
+                    np.array([2.5, 1.0]), np.ones(3))
+    return SimpleNamespace(subdomains=subs, travel=SimpleNamespace(bodies=bodies), first=0)
+
+
+def test_rigid_parts_are_the_nearest_motions_of_bodies():
+    """In the mean square over the body, in the factors that bodies have; of a rigid motion it is
+    the motion, and nothing deforms.
+    """
+    structure, rng = bodies_in_pieces(), np.random.default_rng(6)
+    bodies, subs = structure.travel.bodies, structure.subdomains
+    parts = RigidParts(structure, MPI.COMM_SELF)
+    factors = rng.standard_normal((2, 3))
+    rigid = [(bodies.rigid(bodies.number[sub.index], sub.xy)
+              @ factors[bodies.number[sub.index]]).ravel() for sub in subs]
+    np.testing.assert_allclose(parts.coefficients(rigid), factors, rtol=1e-11)
+    assert parts.deformation(rigid) < 1e-13
+    fields = [rng.standard_normal(6) for _ in subs]
+    own, far = parts.coefficients(fields), 0.0
+    # the rule of the middles of sides is exact for products of linear functions
+    middles = np.array([[1, 1, 0], [0, 1, 1], [1, 0, 1]]) / 2
+    for body in (0, 1):
+        rows, right = [], []
+        for sub, u in zip(subs, fields):
+            if bodies.number[sub.index] != body:
+                continue
+            (a, b), (c, d) = sub.xy[1] - sub.xy[0], sub.xy[2] - sub.xy[0]
+            root = np.sqrt(abs(a * d - b * c) / 2 / 3)
+            rows.append(root * bodies.rigid(body, middles @ sub.xy).reshape(-1, 3))
+            right.append(root * (middles @ u.reshape(-1, 2)).ravel())
+        nearest = np.linalg.lstsq(np.concatenate(rows), np.concatenate(right), rcond=None)[0]
+        np.testing.assert_allclose(own[body], nearest, rtol=1e-11)
+        far = max(far, *(np.linalg.norm(u.reshape(-1, 2) - bodies.rigid(body, sub.xy) @ nearest,
+                                        axis=1).max()
+                         for sub, u in zip(subs, fields) if bodies.number[sub.index] == body))
+    assert parts.deformation(fields) == pytest.approx(far, rel=1e-12)
+    assert parts.deformation([u + r for u, r in zip(fields, rigid)]) == pytest.approx(far, rel=1e-9)
+
+
+def test_corners_tell_of_deformation_what_no_rigid_motion_is():
+    """The root of the mean square that the best motion leaves at the corners of a body."""
+    structure, rng = bodies_in_pieces(), np.random.default_rng(7)
+    bodies = structure.travel.bodies
+    structure.corner_dofs = [np.array([0, 1, 4, 5]), np.array([0, 1, 2, 3]), np.array([1])]
+    members = [[1], [0, 2]]
+    least = LeastDeformation(structure, [SimpleNamespace(members=m) for m in members],
+                             MPI.COMM_SELF)
+    order = [1, 0, 2]
+    motions = {s: bodies.rigid(bodies.number[s], structure.subdomains[s].xy).reshape(-1, 3)[
+        structure.corner_dofs[s]] for s in order}
+    factors = rng.standard_normal((2, 3))
+    assert least(np.concatenate([motions[s] @ factors[bodies.number[s]] for s in order])) < 1e-13
+    corner = {s: rng.standard_normal(len(structure.corner_dofs[s])) for s in order}
+    R, u = np.concatenate([motions[1], motions[0]]), np.append(corner[1], corner[0])
+    left = u - R @ np.linalg.lstsq(R, u, rcond=None)[0]
+    expected = np.sqrt((left**2).mean())
+    assert least(np.concatenate([corner[s] for s in order])) == pytest.approx(expected)
 
 
 def test_springs_resist_the_motions_of_their_body():

@@ -130,6 +130,34 @@ def test_contact_parts_of_dual_vectors_go_there_and_back():
         assert one.pair.tolist() == [0, 2] and not one.apart.size and one.size == 5
 
 
+@pytest.mark.parametrize("near", [True, False])
+def test_a_guess_is_tried_once_before_the_states_at_hand(monkeypatch, near):
+    """With its own movements; the states at hand are those of x and of what slides."""
+    one, tried = object.__new__(Condensation), []
+    guess, x = np.array([0.5, 0.25]), np.array([9.0, 8.0])
+    one.guess, one.apart, one._rubbing = guess, np.zeros(0, int), np.array([1, 0])
+    one.rows, one.operator = SimpleNamespace(corners=None), SimpleNamespace(products=0)
+    problem = SimpleNamespace(movement=lambda z: z + 1.0, products=3,
+                              states_of=lambda start, signs: (start.tolist(), signs.tolist()))
+    monkeypatch.setattr(Condensation, "problem", lambda *_: problem)
+    monkeypatch.setattr(Condensation, "gather", lambda _, x: x)
+    monkeypatch.setattr(Condensation, "place", lambda _, x, into: x.copy())
+
+    def settled(of, start, move, states=None):
+        tried.append((start.tolist(), move.tolist(), states))
+        return (2 * start, -move) if near or states is not None else None
+
+    monkeypatch.setattr(complementarity, "settled", settled)
+    found, gradient = one.solution(None, x, np.array([1.0, -1.0]), np.array([0.0, 1.0]))
+    first = ([0.5, 0.25], [1.5, 1.25], None)
+    then = ([9.0, 8.0], [-1.0, 1.0], ([9.0, 8.0], [1.0, 0.0]))
+    assert tried == ([first] if near else [first, then]) and one.guess is None
+    assert found.tolist() == ([1.0, 0.5] if near else [18.0, 16.0])
+    assert gradient.tolist() == tried[-1][1] and one.operator.products == 3
+    monkeypatch.setattr(complementarity, "settled", lambda *_: None)
+    assert one.solution(None, x, x, np.zeros(2)) is None
+
+
 @pytest.mark.parametrize("excluded", [[], [1]])
 def test_the_gradient_of_a_condensed_solution_is_that_of_the_operator(monkeypatch, excluded):
     """F x - d where rows that the states of corners leave out have moved as well."""

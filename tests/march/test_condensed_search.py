@@ -6,11 +6,16 @@ import numpy as np
 import pytest
 
 from driver.errors import NotConverged
-from driver.march import condensed_search, fixed_point
+from driver.march import condensed_search, fixed_point, globalization
 from driver.march.step import Trace, Unfinished
 from test_dense_steps import N, TIGHT, load_of, parts, solves
 
 NOISE = 1e-7  # part of displacements that products round off on gluing rows
+
+
+# a corner model without corners
+OPEN = SimpleNamespace(excluded=np.zeros(0, int), standing=np.zeros(0, int),
+                       without_friction=np.zeros(0, int))
 
 
 def noisy(seed: int):
@@ -89,6 +94,38 @@ def test_bodies_are_where_they_were_after_a_search_that_failed(fails, monkeypatc
     monkeypatch.setattr(of.fixed.search, "_search", search)
     assert of.fixed._eliminated(1, load, np.zeros(3 * N), Trace()) is None
     assert moved == [-2.0]
+
+
+@pytest.mark.parametrize("pressed, changed, settled", [
+    (0.0, 0.0, True), (0.0, 1e-9, False), (4.0, 3.9e-3, True), (4.0, 4.1e-3, False)])
+def test_bounds_settle_beside_the_pressures(pressed, changed, settled):
+    """To a part of them; where nothing presses they are settled if they do not change."""
+    of, x = parts(1, **TIGHT), np.zeros(3 * N)
+    x[1] = pressed
+    change = np.array([0.0, 0.0, changed])
+    assert of.fixed.search._settled(load_of(of), x, change, 1e-3) == settled
+    of.fixed.search.bodies = SimpleNamespace(imbalance=lambda load, x: 2e-3)
+    assert not of.fixed.search._settled(load_of(of), x, change, 1e-3)
+
+
+@pytest.mark.parametrize("solver, changes, corners, proved", [
+    (globalization.NO_STATE, False, None, True), ("", False, None, False),
+    (globalization.NO_STATE, True, None, False), (globalization.NO_STATE, False, OPEN, False),
+    (globalization.NEWTON, False, None, False)])
+def test_only_a_search_of_all_states_proves_that_there_is_no_solution(solver, changes, corners,
+                                                                      proved, monkeypatch):
+    """Of the one problem that there is: neither slip changes its friction nor corners its rows."""
+    of = parts(1, **TIGHT)
+    of.slip.effects.coefficient_changes = changes
+    monkeypatch.setattr(of.fixed.search, "_solved_for", lambda *_: (None, solver))
+    load, zero = load_of(of), np.zeros(3 * N)
+    of.rows.corners = corners
+    if not proved:
+        assert of.fixed.search._search(1, load, zero, Trace(), 1e-9) is None
+        return
+    with pytest.raises(Unfinished) as end:
+        of.fixed.search._search(1, load, zero, Trace(), 1e-9)
+    assert end.value.final
 
 
 @pytest.mark.parametrize("levels, many, eliminates", [

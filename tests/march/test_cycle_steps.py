@@ -7,7 +7,7 @@ import pytest
 from mpi4py import MPI
 
 from driver.march.cycle_verdict import MOVED
-from driver.march.cycles import Cycles
+from driver.march.cycles import SHORTEST, Cycles
 
 BEGIN, LENGTH = 1, 2  # one step, then cycles of two
 WORN = "wear.worn_depth"
@@ -131,6 +131,34 @@ def test_jumps_carry_on_what_grows():
     following, again = solver_of(20, "", plan)
     gone_through(following, again)
     assert again.past.plan == plan and again.count == 20
+
+
+@pytest.mark.parametrize("bends, settled, left, skips", [
+    (0.0099, False, 50, 4), (0.0099, False, 4, 3), (0.0099, False, 3, 2), (0.0099, False, 2, 0),
+    (0.0, False, 50, 49), (0.017, False, 50, 0), (0.016, False, 50, 2), (0.012, False, 50, 3),
+    (None, True, 50, 49), (None, True, 2, 0), (None, False, 50, 0)])
+def test_how_many_cycles_are_jumped_over(bends, settled, left, skips):
+    """So many that what grows by 1 a cycle, and by more every time, errs by 5 % of that; one
+    always is left, shorter jumps than SHORTEST do not pay, and what has settled needs no other.
+    """
+    solver, of = solver_of(60, "jump 5%")
+    assert SHORTEST == 2
+    of.past.number = 60 - left
+    row = SimpleNamespace(settled=settled)
+    of.past.plan = [0]
+    of.past.growth = {WORN: np.full(3, 1.0 - (bends or 0.0))}
+    growth = {WORN: np.full(3, 0.0 if bends is None else 1.0)}
+    assert of._skips(solver, row, growth) == skips
+    if bends is not None:
+        of.past.plan = [4]  # the growth before is that before a jump
+        assert of._skips(solver, row, growth) == 0
+        of.past.plan, of.past.growth = [0], {}
+        assert of._skips(solver, row, growth) == 0
+    plain = solver_of(60, "")[1]
+    assert plain._skips(solver, row, growth) == 0
+    given = solver_of(60, "jump 5%", [2, 7, 1])[1]
+    given.past.plan = [2]
+    assert given._skips(solver, row, growth) == 7 and given.count == 3 + 10
 
 
 @pytest.mark.parametrize("error, told", [(3e-3, False), (3e-1, True)])

@@ -9,12 +9,14 @@ from mpi4py import MPI
 from driver.contact.kkt import Scales
 from driver.contact.rows import ContactRows
 from driver.errors import NoSolution, NotConverged
+from driver.march import fixed_point
 from driver.march.condensation import Condensation
 from driver.march.fixed_point import FixedPoint
 from driver.march.friction_qp import FrictionQP
 from driver.march.quasistatic import QuasistaticSolver
 from driver.march.residuals import Residuals
-from driver.march.step import History, Load, Trace, Unfinished
+from driver.march.slip import FAR
+from driver.march.step import WINDOW, History, Load, Trace, Unfinished
 from driver.march.supported import RigidSurfaces, SupportedBodies
 from driver.options import Settings
 from driver.qp import complementarity
@@ -251,6 +253,35 @@ def test_tolerances_get_tighter_until_residuals_are_small_enough():
     assert found.asked == pytest.approx([1e-5, 1e-5, 1e-6])
 
 
+@pytest.mark.parametrize("imbalance, modes, parts_of", [
+    (5e-4, 1, [1.0, 1e-2, 1e-4, 1e-6]), (1e-3, 1, [1.0, 1e-2, 1e-4, 1e-6]), (2e-3, 1, [1.0]),
+    (5e-4, 0, [1.0])])
+def test_a_search_that_nearly_balances_bodies_goes_on_with_exacter_qps(imbalance, modes, parts_of):
+    """By hundredths down to a millionth, where what is free is nearly in equilibrium: forces answer
+    to what QPs leave by stiffness. Then what ended the search stands.
+    """
+    asked = []
+
+    def fails(index, load, x, gradient, sliding, trace, rtol):
+        trace.iterations += 1
+        asked.append((s.qp.tol, trace.stalls))
+        trace.changes = [1.0] * (2 * WINDOW + 2)
+        raise Unfinished(NotConverged("it wanders"), x, gradient)
+
+    s = solver(fails, 9 * [{"cone": 0.5}])
+    s.settings = s.qp.settings = Settings(rtol=1e-3)
+    s.operator.modes, s.operator.motions = modes, []
+    s.bodies.imbalance = lambda load, x: imbalance
+    s.residuals.free_of_forces = lambda *given: None
+    s.qp.hides = lambda x: False
+    s.corners.condensed = fails
+    with pytest.raises(Unfinished, match="it wanders" if len(parts_of) == 1 else "wanders|stays"):
+        earned(s)
+    tols = [tol for tol, _ in asked][: len(parts_of)]
+    np.testing.assert_allclose(tols, [1e-3 * part for part in parts_of], rtol=1e-9)
+    assert not any(stalls for _, stalls in asked)  # each begins its changes anew
+
+
 @pytest.mark.parametrize("later, taken", [
     ([0.5], 2), ([4.0, 0.5], 3), ([4.0, 2.0], 3), ([4.0, 4.0], 1), ([2.0, 2.5], 2)])
 def test_what_a_bound_of_rounding_admits_is_the_last_resort(later, taken):
@@ -339,6 +370,23 @@ def test_what_stays_too_large_is_said():
     with pytest.raises(Unfinished, match="the cone residual stays at 5.0e-01, above the"):
         earned(s)
     assert tried and len(found.asked) > len(tried)
+    assert tried[0] == s.settings.friction_rtol > found.asked[-1 - len(tried)]  # the step's own
+
+
+@pytest.mark.parametrize("farthest, modes, anew", [
+    (0.9, 1, False), (1.1, 1, True), (1.1, 0, False)])
+def test_a_gradient_that_followed_bodies_far_is_made_anew(farthest, modes, anew):
+    """Their rounding is in it: from FAR times the deformation on."""
+    found.asked = []
+    s, given = solver(found, [{"cone": 0.0}]), []
+    s.scales.renew(displacements=np.array([0.25]))
+    s.operator.modes, into = modes, s.into_cone
+    s.into_cone = lambda d, x, gradient, sliding: given.append(gradient) or into(
+        d, x, gradient, sliding)
+    load = Load(np.ones(1), np.ones(9), 1.0, farthest=farthest * FAR * 0.25)
+    s.scales.renew(d=1.0)
+    s._earned(1, load, np.zeros(9), -load.d, np.zeros(N), Trace())
+    assert (given[0] is None) == anew
 
 
 def test_what_is_rounding_without_forces_needs_none():
@@ -605,6 +653,57 @@ def test_the_state_without_forces():
     assert found.free_of_forces(load, x, np.array([2.0])) is None
     assert tried[0].tolist() == [-3.0] and tried[-1].tolist() == [3.0]
     assert found.scales.d == 1.0 and not found.still
+
+
+def test_gaps_that_close_stay_closed_wherever_bodies_go():
+    """What surfaces wear is no motion: bodies that are back find it, and went no farther by it."""
+    load, motion = Load(np.zeros(1), np.array([1.0, -2.0]), 1.0), [np.array([1.0, 0.5])]
+    load.move(motion, np.array([3.0]))
+    load.widen(np.array([0.25, 0.0]))
+    assert load.d.tolist() == [4.25, -0.5] and load.farthest == 3.0
+    change = load.move(motion, np.array([-3.0]))
+    assert load.d.tolist() == [1.25, -2.0] and change.tolist() == [-3.0, -1.5]
+    load.forget()
+    assert load.farthest == 0.0
+
+
+def test_what_has_no_free_motion_stays_where_it_is():
+    """Neither bodies that supports hold nor surfaces that do not yield change anything of a step.
+    """
+    bodies, surfaces = SupportedBodies(), RigidSurfaces()
+    load, x, trace = Load(np.ones(1), np.ones(3), 1.0), np.ones(3), Trace()
+    assert bodies.shift(load, np.zeros(0)) == bodies.imbalance(load, x) == 0.0
+    assert bodies.settle(load, x, x) == 0.0 and surfaces.yielded(x) == 0.0
+    assert not len(bodies.can_rest(1, load.weights)) and bodies.placed.shape == (0, 3)
+    assert bodies.secants() is None and bodies.note_loose_motion(1, x) is None
+    assert surfaces.settled(4, load, ("x", "g"), trace, lambda *given: given) == (
+        4, load, "x", "g", trace)
+    np.testing.assert_array_equal(load.d, np.ones(3))
+
+
+@pytest.mark.parametrize("far, kept", [(0.9, True), (1.1, False)])
+def test_a_start_that_went_astray_is_forgotten(far, kept, monkeypatch):
+    """Other methods start from the latest forces; from the first ones if these have grown beyond
+    ASTRAY times the load or those.
+    """
+    of = parts(1, **TIGHT)
+    load, starts = load_of(of), []
+    grown = 1.0 * (np.abs(np.arange(3 * N) - 4) > 1)  # all but friction
+    grown *= far * fixed_point.ASTRAY * of.qp.scales.d / of.qp.largest(grown)
+
+    def approximate(index, trace, *_):
+        trace.fallback = True
+        trace.changes = [1.0]
+        return SimpleNamespace(x=grown, gradient=-load.d), 1.0
+
+    monkeypatch.setattr(of.fixed, "_approximate", approximate)
+    monkeypatch.setattr(of.fixed, "_globalise",
+                        lambda index, load, x, motion, trace: starts.append(x) or x)
+    monkeypatch.setattr(of.fixed.shortcut, "pays", lambda *_: False)
+    monkeypatch.setattr(Trace, "stalls", True)
+    first = np.full(3 * N, 1e-3)
+    of.fixed.find(1, load, first, -load.d, np.zeros(N), Trace(exact=True), 1e-9)
+    assert (np.abs(starts[0]).max() > 1.0) == kept
 
 
 def test_a_trace_that_begins_again_knows_its_iterations_alone():

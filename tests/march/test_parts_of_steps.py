@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import constants
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -24,6 +25,7 @@ from driver.march.uniqueness import CONDENSED_NODES, FEW, SMALL, Uniqueness, too
 from driver.options import Settings
 from driver.qp import complementarity
 from driver.qp.branching import Search
+from driver.qp.coulomb import CoulombProblem
 from driver.qp.mprgp import projected_gradient
 
 
@@ -362,6 +364,32 @@ def test_what_cycles_come_to(way, drift, worn, kind, settled):
     assert past.rows[0]["change"] == 1.0 and not past.rows[0]["settled"] or not any(way)
 
 
+@pytest.mark.parametrize("changes, remaining", [
+    ([0.5, 0.1, 0.02], 0.02 * 0.2 / 0.8), ([0.5, 0.1, 0.1], 1.0), ([0.5, 0.1, 0.2], 1.0),
+    ([0.5, 0.1, 0.0999], 1.0), ([0.5], 1.0), ([0.5, 0.1, 1e-6], 1e-6), ([0.5, 0.0, 0.1], 1.0)])
+def test_what_forces_are_still_to_change_by(changes, remaining):
+    """A series goes on as it has begun, to the whole at most; of what tolerances leave open no more
+    than that; relative to the largest force, of any kind. Over a jump nothing is known.
+    """
+    forces = {"normal": np.array([[0.0]]), "tangential": np.array([[-4.0]])}
+    past = Past(rows=[{"change": 1.0}], plan=[0])  # of the first cycle
+    for change in changes:
+        past.before = {"normal": forces["normal"] - 4.0 * change,
+                       "tangential": forces["tangential"]}
+        found = cycles._of_forces(past, forces, largest, 1e-5)
+        assert found[0] == pytest.approx(change)
+        past.rows.append({"change": found[0]})
+        past.plan.append(0)
+    assert found[1] == pytest.approx(remaining)
+    assert cycles._of_forces(Past(), forces, largest, 1e-5) == (1.0, 1.0)
+    past.plan[-1] = 3
+    assert cycles._of_forces(past, forces, largest, 1e-5)[1] == (
+        1.0 if changes[-1] > 1e-5 else pytest.approx(1e-6))
+    none = {"normal": np.zeros((1, 1)), "tangential": np.zeros((1, 1))}
+    past.before = none
+    assert cycles._of_forces(past, none, largest, 1e-5) == (0.0, 0.0)
+
+
 def test_a_jump_errs_by_what_growth_bends_in_it():
     """Growth that has changed over a jump: by as much in each of the cycles skipped."""
     past = Past(number=9, plan=[0, 7], way=np.ones(1), growth={MOVED: np.array([1.0]),
@@ -486,6 +514,28 @@ def test_a_proof_takes_all_states_and_isolated_solutions(monkeypatch, whole, iso
     assert found.examined == 1 and found.exhaustive == proofs and not found.several
 
 
+@pytest.mark.parametrize("unit", [1.0, 1e6, 1e-6])
+def test_solutions_are_told_exactly_in_any_unit(unit):
+    """An open node that a drag presses down if friction resists it may stick, slide or stay open.
+    The solution that is followed is known to a thousandth, and told exactly.
+    """
+    problem = CoulombProblem(np.array([[1.0, -0.8], [-0.8, 1.0]]), unit * np.array([-0.2, 0.5]),
+                             np.array([2.0]), np.array([0]))
+    solutions = complementarity.all_solutions(problem)
+    assert len(solutions) == 3
+    for z in solutions:
+        if not z.any():
+            continue
+        found = Uniqueness(True)
+        found.examine(7, problem, z * (1 + 1e-3), np.array([2.0]))
+        first, *others = found.several[7]
+        assert len(others) == 2
+        assert first["resultant_n"] == pytest.approx(-z[0], rel=1e-9)
+        assert first["resultant_t"] == pytest.approx(-z[1], rel=1e-9)
+        assert first["peak_pressure"] == pytest.approx(z[0] / 2.0, rel=1e-9)
+        assert sum(of["index"] for of in found.several[7]) == 1
+
+
 @pytest.mark.parametrize("choice, nodes, friction, doubtful, expected", [
     ("yes", 900, 0.1, False, True), ("no", 1, 9.0, True, False), ("auto", FEW, 0.1, False, True),
     ("auto", FEW + 1, 0.1, False, False), ("auto", SMALL, 0.9, False, True),
@@ -569,3 +619,7 @@ def test_contraction_is_the_mean_ratio_over_a_window(seed):
     assert Trace(changes=still.tolist()).contraction == pytest.approx(mean)
     assert Trace(changes=[1.0, 0.25, 0.0]).contraction == 0.25
     assert np.isnan(Trace(changes=[1.0]).contraction) and np.isnan(Trace().contraction)
+
+
+def test_constants_that_are_called_parts_are_between_none_and_all():
+    assert not constants.beyond("march")

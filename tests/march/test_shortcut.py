@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from driver.errors import NotConverged
 from driver.march import globalization, shortcut
 from driver.march.condensation import Condensation
 from driver.march.shortcut import Shortcut
@@ -143,6 +144,19 @@ def test_what_is_not_eliminated(changed):
     condensation = object.__new__(Condensation)
     condensation.operator = own
     assert condensation.elimination is None
+
+
+def test_what_cannot_be_eliminated_is_no_shortcut(monkeypatch):
+    """And the step goes on as if it had not been tried, but is not tried again."""
+    trace = Trace(changes=[1.0, 2.0])
+    way = Shortcut(SimpleNamespace(rows=None, history=History()), None, None)
+
+    def fails(*_):
+        raise NotConverged("not definite")
+
+    monkeypatch.setattr(Shortcut, "_found", fails)
+    assert way.solution(5, None, None, trace) is None
+    assert trace.shortcut is False and not trace.fallback and not way.qp.history.fallbacks.steps
 
 
 @pytest.mark.parametrize("changes, noted", [((1.0, 2.0, 1.0, 3.0), True), ((3.0, 2.0, 1.0), False)])

@@ -5,6 +5,7 @@ The law is written down anew here; with F = 0 it is a box QP, which an independe
 Coulomb's law alone (c = 0) is tested with the time stepping, in tests/march/test_uniqueness.py.
 """
 
+import itertools
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,7 +18,7 @@ from driver.qp.complementarity import (
 from driver.contact.states import OPEN, STICK
 from driver.qp.coulomb import BACKWARD, FORWARD, CoulombProblem, StateSystem
 
-SEEDS = 30
+SEEDS = 20
 
 
 def random_problem(seed, nodes, largest=3.0, motions=0, bilateral=False):
@@ -328,6 +329,93 @@ def test_springs_do_not_know_the_unit_of_a_motion(scale):
                                rtol=0, atol=1e-12 * np.abs(twice.compliance).max())
 
 
+@pytest.mark.parametrize("unit", [1e-6, 1e4])
+def test_springs_for_lemke_are_as_soft_as_the_bodies(unit, monkeypatch):
+    """And softer by tens, in any unit of length over force; two rests of each."""
+    problem, asked = random_problem(2, 3, motions=1), []
+    soft = CoulombProblem(unit * problem.compliance, unit * problem.load, problem.coefficient,
+                          problem.pair, False, problem.motions, problem.balance, problem.offset)
+    monkeypatch.setattr(CoulombProblem, "on_springs",
+                        lambda self, softness, rest: asked.append(softness))
+    monkeypatch.setattr(complementarity, "lemke", lambda problem: None)
+    monkeypatch.setattr(complementarity, "all_solutions", lambda problem: [])
+    for one in (problem, soft):
+        assert complementarity._lemke_on_springs(one) is None
+    median = np.median(np.diag(problem.compliance))
+    expected = np.repeat(median * 10.0 ** np.arange(complementarity.SPRINGS), 2)
+    np.testing.assert_allclose(asked, np.append(expected, unit * expected), rtol=1e-12)
+    # the last resort of a few nodes
+    monkeypatch.setattr(complementarity, "all_solutions", lambda problem: ["one", "another"])
+    for nodes, found in ((3, "one"), (complementarity.FEW, "one"), (complementarity.FEW + 1, None)):
+        assert complementarity._lemke_on_springs(random_problem(2, nodes, motions=1)) == found
+
+
+def test_springs_carry_what_forces_leave_of_the_balance():
+    """From their rest on, by their softness over the square of a motion's reach."""
+    problem, rng = random_problem(3, 3, motions=2), np.random.default_rng(5)
+    rest, x, softness = rng.standard_normal(2), rng.standard_normal(6), 0.7
+    sprung = problem.on_springs(softness, rest)
+    beta = rest + softness * (problem.balance - problem.motions.T @ x) / problem.reach**2
+    np.testing.assert_allclose(sprung.movement(x), problem.movement(np.append(x, beta)),
+                               rtol=1e-12)
+    assert sprung.k == 0 and sprung.offset is problem.offset
+
+
+def test_forces_without_any_load_are_their_own_size():
+    """They violate the law by as much as they move what nothing loads."""
+    problem = CoulombProblem(np.eye(2), np.zeros(2), np.array([0.5]), np.array([0]))
+    assert problem.solves(np.zeros(2))
+    assert problem.violation(np.array([3.0, 0.0])) == pytest.approx(1.0)
+    assert problem.violation(np.array([0.0, 3.0])) == pytest.approx(1.0)
+    assert problem.violation(np.array([np.nan, 0.0])) == np.inf
+
+
+@pytest.mark.parametrize("unit", [1e-8, 1e6])
+def test_systems_do_not_know_the_unit_of_a_motion(unit):
+    """Nor that of forces and lengths: entries and pivots are the same numbers."""
+    one = random_problem(3, 3, motions=2)
+    other = CoulombProblem(one.compliance * 1e-4, one.load * 1e-2, one.coefficient, one.pair, False,
+                           one.motions * unit, one.balance * 100.0 * unit, one.offset * 100.0)
+    for states in ([1, 1, 1], [2, 1, 3], [0, 2, 1], [-1, 1, 2]):
+        systems = [of.system(np.array(states), np.ones(3)) for of in (one, other)]
+        np.testing.assert_allclose(systems[1].matrix, systems[0].matrix, rtol=1e-9, atol=1e-12)
+        assert systems[0].index == systems[1].index
+        z, w = (of.solve(problem.load, problem.balance)
+                for of, problem in zip(systems, (one, other)))
+        np.testing.assert_allclose(w[:6], 100.0 * z[:6], rtol=1e-7)
+
+
+def test_a_family_at_large_friction_has_its_directions_alone():
+    """Two nodes whose rows depend, all of them slide: what rounding leaves is no further one."""
+    rng = np.random.default_rng(1)
+    root = rng.standard_normal((6, 8))
+    root[[2, 5]] = 0.3 * root[[1, 4]]
+    compliance = root @ root.T
+    problem = CoulombProblem(compliance, compliance @ np.ones(6), np.full(3, 1e7), np.arange(3))
+    system = problem.system(np.full(3, FORWARD), np.ones(3))
+    found = system.family(problem.load, np.zeros(0))
+    assert found is not None and found[1].shape[1] == 1
+    line = found[1][:3, 0]
+    assert line[1] == pytest.approx(-0.3 * line[2]) and abs(line[0]) < 1e-6 * abs(line[1])
+
+
+@pytest.mark.parametrize("small, directions", [(1e-9, None), (1e-11, 1), (1e-13, 1), (0.0, 1)])
+def test_a_system_is_singular_before_it_is_rounding(small, directions):
+    """From a ratio of pivots of 1e-10 on there are directions along which nothing changes; only
+    below 1e-14 no regular solution is tried.
+    """
+    problem = CoulombProblem(np.array([[1.0, 1.0], [1.0, 1.0 + small]]), np.ones(2), np.zeros(0),
+                             np.zeros(0, int))
+    system = problem.system(np.full(2, STICK), np.ones(2))
+    family = system.family(problem.load, np.zeros(0))
+    assert (family is None) == (directions is None)
+    assert system.dependent == (small == 0.0)
+    if family is not None:
+        assert family[1].shape == (2, directions)
+        np.testing.assert_allclose(family[0], [0.5, 0.5], atol=1e-2)
+        np.testing.assert_allclose(family[1][0], -family[1][1], rtol=1e-6)
+
+
 def test_a_family_of_solutions_is_one_along_its_directions():
     """Three nodes of which two move alike: what one presses more the other may press less."""
     compliance = np.zeros((6, 6))
@@ -359,6 +447,14 @@ def test_inequalities_of_states_hold_in_them_alone(seed):
         pushed = z.copy()
         pushed[node] = 2 * moved[node] / problem.compliance[node, node]  # pulls until it is inside
         assert complementarity._slack(problem, apart, pushed).min() < -rounding
+    for node in np.flatnonzero(states > OPEN):
+        pulled = z.copy()
+        pulled[node] = -1.0
+        assert complementarity._slack(problem, states, pulled).min() <= -1.0 + rounding
+    for node, way in itertools.product(np.flatnonzero(states == STICK), (-1.0, 1.0)):
+        rubbed = z.copy()
+        rubbed[4 + node] = way * (problem.offset[node] + problem.coefficient[node] * z[node] + 1.0)
+        assert complementarity._slack(problem, states, rubbed).min() <= -1.0 + rounding
     for node in np.flatnonzero(states > STICK):
         other = states.copy()
         other[node] = FORWARD + BACKWARD - states[node]
@@ -388,6 +484,131 @@ def test_a_cycle_without_friction_is_not_approached_again(monkeypatch):
     assert len(tried) == 1
 
 
+@pytest.mark.parametrize("friction, pressed, sheared, isolated", [
+    (0.5, 2.0, 0.2, False),  # what one presses more the other may press less
+    (0.5, 0.0, 0.0, False),  # and does not: a single point of a line obeys the law
+    (0.5, 2.0, 0.9, True),  # which friction cannot hold, however pressure is shared
+    (0.5, -1.0, 0.0, True)])  # nor contact that would have to pull
+def test_a_line_of_solutions_is_one_where_the_law_holds_on_it(friction, pressed, sheared, isolated):
+    """Two nodes in one place under a force in all, the states in which they stick alone."""
+    C = np.zeros((4, 4))
+    C[:2, :2] = 1.0
+    C[2:, 2:] = [[1.0, 0.5], [0.5, 1.0]]
+    shear = np.array([sheared, sheared])
+    problem = CoulombProblem(C, np.append([pressed, pressed], C[2:, 2:] @ shear),
+                             np.full(2, friction), np.arange(2))
+    states = np.full(2, STICK)
+    family = problem.system(states, np.ones(2)).family(problem.load, problem.balance)
+    assert family[1].shape == (4, 1)
+    assert complementarity._obeys_somewhere(problem, states, *family) != isolated
+    # wherever on the line the search begins, and whichever way it is told to be
+    z, line = family
+    for away, sign in ((30.0, 1.0), (-7.0, -2.0)):
+        assert complementarity._obeys_somewhere(problem, states, z + away * line[:, 0],
+                                                sign * line) != isolated
+    assert isolated or not complementarity.all_isolated(problem)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_pivots_end_in_the_solution_itself(seed, monkeypatch):
+    """Newton's method, where it is needed, starts from it: in the units of the problem."""
+    problem, starts = random_problem(seed, 3, largest=0.3), []
+    monkeypatch.setattr(CoulombProblem, "solution_in", lambda *_: None)
+    monkeypatch.setattr(complementarity, "newton", lambda problem, start: starts.append(start))
+    assert lemke(problem) is None
+    assert_obeys(problem, starts[0])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_bodies_on_springs_are_where_these_give_way_to(seed, monkeypatch):
+    """What Newton's method starts from obeys contact and friction; forces may be off balance."""
+    problem, starts, sprung = random_problem(seed, 3, largest=0.3, motions=2), [], []
+    honest = CoulombProblem.on_springs
+    monkeypatch.setattr(CoulombProblem, "on_springs", lambda self, *given: sprung.append(
+        honest(self, *given)) or sprung[-1])
+
+    def newton_(of, start, *_):
+        if of is problem:
+            starts.append((start, sprung[-1]))
+
+    monkeypatch.setattr(complementarity, "newton", newton_)
+    monkeypatch.setattr(complementarity, "all_solutions", lambda problem: [])
+    exact = CoulombProblem.solution_in
+    monkeypatch.setattr(CoulombProblem, "solution_in", lambda self, *given: (
+        None if self is problem else exact(self, *given)))
+    complementarity.lemke(problem)
+    assert starts
+    for z, on_springs in starts:
+        np.testing.assert_allclose(problem.movement(z), on_springs.movement(z[:6]), atol=1e-9 * max(
+            1.0, np.abs(z[6:]).max()))
+
+
+class Scripted:
+    """A problem whose states change at so many nodes in the steps of Newton's method, in turn."""
+
+    load = balance = None
+
+    def __init__(self, changes):
+        self.changes, self.now = list(changes), np.zeros(40, int)
+        self.index = 1
+
+    def states(self, x, move=None):
+        if x is not None:
+            k = self.changes.pop(0)
+            self.now = self.now.copy()
+            self.now[:k] += 1
+        return self.now
+
+    def signs(self, x):
+        return np.ones(40)
+
+    def movement(self, x):
+        return x
+
+    def system(self, states, sign):
+        return SimpleNamespace(solve=lambda load, balance: "solution", index=self.index)
+
+
+@pytest.mark.parametrize("changes, near", [
+    ([10, 5, 4, 0], True), ([11, 0], False), ([10, 6, 0], False), ([4, 4, 4, 4, 0], True),
+    ([4, 5, 0], False), ([8, 4, 4, 0], True), ([0], True)])
+def test_few_and_ever_fewer_states_change_near_a_solution(changes, near):
+    """Ten at first, half as many as before then; four may change again and again."""
+    assert (complementarity.NEAR, complementarity.A_FEW) == (10, 4)
+    found = settled(Scripted(changes), None, None)
+    assert (found == ("solution", "solution")) == near and (found is None) != near
+    other = Scripted(changes)
+    other.index = -1
+    assert settled(other, None, None) is None
+
+
+def test_a_search_goes_on_from_what_it_finds(monkeypatch):
+    """By the neighbours of every solution, until there are MANY; each is counted once."""
+    problem = random_problem(1, 2)
+    solutions = [np.full(4, float(k)) for k in range(1, 30)]
+    monkeypatch.setattr(complementarity, "all_alike", lambda problem: [])
+    monkeypatch.setattr(complementarity, "lemke", lambda problem: solutions[0])
+    monkeypatch.setattr(complementarity, "newton", lambda problem, guess, *_: guess)
+    for last in (3, 25):
+        monkeypatch.setattr(complementarity, "_neighbours", lambda problem, x, last=last: (
+            solutions[int(x[0]) - 1 : min(int(x[0]) + 1, last)]))
+        found = search(problem, solutions[0])
+        assert len(found) == min(last, complementarity.MANY)
+        assert [int(x[0]) for x in found] == list(range(1, len(found) + 1))
+
+
+def test_a_descent_ends_with_the_first_solution(monkeypatch):
+    problem, asked = random_problem(1, 2), []
+    neighbours = complementarity._neighbours
+    monkeypatch.setattr(complementarity, "_neighbours", lambda problem, z: (
+        asked.append(z) or neighbours(problem, z)))
+    monkeypatch.setattr(complementarity, "newton", lambda *_: "found")
+    assert complementarity.descend(problem, np.ones(4)) == "found" and len(asked) == 1
+    monkeypatch.setattr(complementarity, "newton", lambda *_: None)
+    monkeypatch.setattr(complementarity, "_neighbours", lambda problem, z: [])
+    assert complementarity.descend(problem, np.ones(4)) is None
+
+
 def test_newton_goes_on_while_fewer_states_change():
     """From far off, where many change at first and ever fewer after that, to the solution."""
     found = 0
@@ -399,6 +620,14 @@ def test_newton_goes_on_while_fewer_states_change():
         assert end is None or among(end[0], [z])
         found += end is not None
     assert found > SEEDS / 2
+
+
+def test_solutions_of_conditions_that_depend_are_not_settled():
+    """Two nodes in one place: which of them presses nothing says, nor what a sign would count."""
+    problem = CoulombProblem(np.ones((2, 2)), np.full(2, 3.0), np.zeros(0), np.zeros(0, int), True)
+    z = problem.solution_in(np.full(2, STICK))
+    assert problem.solves(z) and problem.system(np.full(2, STICK), np.ones(2)).index == 0
+    assert settled(problem, z, problem.movement(z)) is None
 
 
 def test_a_solution_is_settled_however_many_nodes_it_has():

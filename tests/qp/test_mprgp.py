@@ -406,6 +406,43 @@ def kinds_of(A, b, x0, **options):
     return kinds, r
 
 
+def test_gradients_are_split_by_the_bounds_that_are_met():
+    """Free where no bound is met, chopped where it points out of the box, neither in no width."""
+    lower = np.array([0.0, 0, 0, -1, -1, -1, 2, -np.inf])
+    upper = np.array([1.0, 1, 1, 0, 0, 0, 2, np.inf])
+    x = np.array([0.0, 0, 0.5, 0, 0, -0.5, 2, 7])
+    g = np.array([3.0, -3, 3, 3, -3, -3, 5, 4])
+    phi, beta = module.split_gradient(x, g, lower, upper)
+    assert phi.tolist() == [0, 0, 3, 0, 0, -3, 0, 4]
+    assert beta.tolist() == [0, -3, 0, 3, 0, 0, 0, 0]
+    np.testing.assert_array_equal(projected_gradient(x, g, lower, upper), phi + beta)
+
+
+@pytest.mark.parametrize("step", [0.1, 1.0, 10.0])
+def test_what_projection_leaves_of_a_gradient_step(step):
+    """(x - P(x - a phi)) / a; and steps along a direction reach a bound at their ratio."""
+    rng = np.random.default_rng(4)
+    lower, upper = -rng.random(9), rng.random(9)
+    lower[0], upper[1] = -np.inf, np.inf
+    x = np.clip(rng.standard_normal(9) / 3, np.maximum(lower, -9), np.minimum(upper, 9))
+    phi = np.where((x == lower) | (x == upper), 0.0, rng.standard_normal(9))
+    found = module.reduced_free_gradient(x, phi, lower, upper, step)
+    np.testing.assert_allclose(found, (x - np.clip(x - step * phi, lower, upper)) / step,
+                               atol=1e-14)
+    ratio = module._bound_ratios(x, phi, lower, upper)
+    finite = np.isfinite(ratio)
+    ends = (x - np.where(finite, ratio, 0.0) * phi)[finite]
+    np.testing.assert_allclose(ends, np.where(phi > 0, lower, upper)[finite], atol=1e-14)
+    assert (ratio >= 0).all() and (ratio[phi == 0] == np.inf).all()
+    assert ratio[0] < np.inf or phi[0] >= 0
+    assert module._cut_step(ratio, np.inf, lambda value: value)[1]
+    least = ratio.min()
+    for wish, expected in ((least / 2, (least / 2, False)), (least, (least, True)),
+                           (2 * least, (least, True))):
+        assert module._cut_step(ratio, wish, lambda value: value) == expected
+    assert module._cut_step(np.full(3, np.inf), np.inf, lambda value: value) == (np.inf, False)
+
+
 def test_release_criterion_looks_at_the_room_that_is_left():
     """phi = 1 but only 1e-6 of room: phi~'phi = 5e-7 < ||beta||^2 = 1/4, unless Gamma is large."""
     b, x0 = np.array([-1.0, 0.5]), np.array([1e-6, 0.0])
@@ -506,6 +543,8 @@ def test_relaxation_helps_or_does_no_harm(monkeypatch, useful):
         place, relaxed = module._Mprgp.place, module._Mprgp.relaxed_step
 
         def relax(y, g):
+            # a point with its gradient
+            assert np.abs(g - A @ y + b).max() <= 1e-9 * (np.abs(A) @ np.abs(y) + np.abs(b)).max()
             if not useful:
                 return np.clip(y + rng.standard_normal(len(b)), lower, upper)
             rest = b[:half] - A[:half, half:] @ np.clip(y, lower, upper)[half:]

@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import constants
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -158,3 +159,7 @@ def test_neighbours_differ_at_one_node(pulls, count):
     away = [np.abs(one - other).max() for k, one in enumerate(found) for other in found[:k]]
     assert len(found) == count + 1
     assert pulls or problem.solves(x) and min(away) > 1e-9
+
+
+def test_constants_that_are_called_parts_are_between_none_and_all():
+    assert not constants.beyond("qp")

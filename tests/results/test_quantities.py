@@ -414,6 +414,36 @@ def test_outline_with_roles_and_tractions(solved, element):
     assert total == pytest.approx([3e7, 5e7 - 2e8], rel=1e-9)  # the top is 2 long, the side 1
 
 
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_the_history_is_that_of_the_nodes(solved, element):
+    """Sums, counts and extremes of every step's rows of contact.csv; reactions balance the loads.
+    """
+    run = solved("model", STEPS=2, CELLS=3, ELEMENT=element)
+    h, c = run.history, run.contact
+    names = np.array(["open", "stick", "slip"])
+    assert h["step"].tolist() == [1, 2] and h["time"].tolist() == [0.5, 1.0]
+    for k in range(2):
+        weight, status = c["weight"][k], c["status"][k]
+        for name in names:
+            assert h[f"nodes_{name}"][k] == np.count_nonzero(status == name)
+        touching = status != "open"
+        assert 0 < np.count_nonzero(touching)
+        assert h["peak_pressure"][k] == -c["sigma_n"][k].min()
+        assert h["resultant_n"][k] == pytest.approx(-weight @ -c["sigma_n"][k], rel=1e-12)
+        assert h["resultant_t"][k] == pytest.approx(weight @ c["sigma_t"][k], rel=1e-12)
+        assert h["contact_length"][k] == pytest.approx(weight[touching].sum(), rel=1e-12)
+        # normals point down, tangents to the right
+        assert h["contact_x"][k] == pytest.approx(weight @ c["sigma_t"][k], rel=1e-12)
+        assert h["contact_y"][k] == pytest.approx(-weight @ c["sigma_n"][k], rel=1e-12)
+        for axis in "xy":
+            total = sum(h[f"{of}_{axis}"][k] for of in ("load", "reaction", "contact"))
+            assert abs(total) <= 1e-6 * abs(h["load_y"][k])
+        assert h["fixed_point_iterations"][k] >= 1 and h["dual_multiplications"][k] >= 1
+    assert h["dissipated"][0] <= h["dissipated"][1] == run.summary["quantities"][
+        "dissipated_energy"]
+    assert h["max_displacement"][-1] == pytest.approx(run.summary["quantities"]["displacement"])
+
+
 RING = """include "scene.idp"
 units("m", "Pa");
 subdomains("3");

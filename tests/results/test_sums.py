@@ -3,6 +3,7 @@
 from pathlib import Path
 from types import SimpleNamespace
 
+import constants
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -45,6 +46,23 @@ def test_means_at_nodes_go_over_subdomains_and_not_over_bodies():
                      np.arange(6)[None])
     np.testing.assert_allclose(six(values[-1:])[3:],
                                (values[-1, [1, 2, 0]] + values[-1, [2, 0, 1]]) / 2)
+
+
+def test_the_ledger_knows_the_largest_value_of_every_pattern(monkeypatch):
+    """Of loads and of prescribed displacements, in any subdomain, by their sizes."""
+    def sub(loads, fixed_values):
+        return SimpleNamespace(loads=np.array(loads), fixed_values=np.array(fixed_values))
+
+    subs = [sub([[1.0, -4.0], [0.0, 0.0], [0.0, 0.0]], np.zeros((3, 0))),
+            sub([[2.0, 3.0], [0.5, 0.0], [0.0, 0.0]], [[0.0], [-0.75], [0.0]])]
+    problem = SimpleNamespace(structure=SimpleNamespace(patterns=3, subdomains=subs),
+                              manifest=SimpleNamespace(factors="factors"))
+    writer = SimpleNamespace(operator=SimpleNamespace(comm=MPI.COMM_SELF), history_rows="rows")
+    monkeypatch.setattr(summary, "ledger", lambda *given: given)
+    monkeypatch.setattr(summary, "asdict", lambda sizes: sizes)
+    found = summary._ledger(problem, "sizes", "solver", writer)
+    assert found[:3] == ("solver", "sizes", "factors") and found[4] == "rows"
+    assert found[3].tolist() == [4.0, 0.75, 0.0]
 
 
 def test_bodies_are_numbered_by_their_smallest_nodes():
@@ -163,6 +181,11 @@ def test_how_nodes_touch():
     mean = (4 * 1 + 2 * 2 + 0.1 * 2) / 5
     assert touch.lighter(0.05) == 0.0 and touch.lighter(0.11 / mean) == 2.0
     assert touch.lighter(2.1 / mean) == 4.0 and Touch().lighter(1.0) == 0.0
+    # nodes that are near may touch as well, those that press little may not, nor the last side
+    near = Touch.of(nodes | {"gap": np.array([0.0, 0, 0, 0.5])}, steps, 0, 2)
+    assert near.beside.tolist() == [[0.5, 1.0]] and near.edges == 1.0 + 1.0
+    for way, part, length in ((0.5, 0.0, 0.0), (0.51, 0.0, 1.0), (0.51, 0.11 / mean, 3.0)):
+        assert near.uncertain(way, part) == pytest.approx(length + near.edges)
     for name, values in (("sigma_t", [[1.0, -1, 1, 0]]), ("status", [[SLIP, STICK, SLIP, OPEN]])):
         assert not Touch.of(nodes, steps | {name: np.array(values)}, 0, 2).dragged
 
@@ -348,3 +371,7 @@ def test_memory_is_that_of_the_process_in_mib():
     used = np.ones(size * 2**17)
     assert summary.largest_memory(MPI.COMM_SELF) - before == pytest.approx(200, rel=0.2)
     del used
+
+
+def test_constants_that_are_called_parts_are_between_none_and_all():
+    assert not constants.beyond("results")

@@ -142,3 +142,37 @@ def test_an_obstacle_that_contact_follows_is_one_for_all_labels(contact, more, r
     low, high = b.xy.min(axis=0), b.xy.max(axis=0)  # known as far as it reaches
     assert b.following.surface.box == pytest.approx(
         [low[0] - 0.5, high[0] + 0.5, low[1] - 0.5, high[1] + 0.5])
+
+
+# one block on another, over an obstacle; other functions for either kind of contact
+TWO = """include "scene.idp"
+units("m", "Pa");
+subdomains("2");
+int[int] low = [1, 2, 5, 4], high = [6, 12, 13, 14];
+addBody(square(4, 2, [x, y], label = low))
+addBody(square(4, 2, [x, 1 + y], label = high, region = 1))
+macro young() 1. //
+macro poisson() 0.3 //
+macro support() on(4, 14, u1 = 0.) //
+macro load1() traction(13, 0., -1.) //
+macro contact() 1 //
+macro contactPair() 6, 5 //
+macro gap() (0.1 + 0.05*x) //
+macro pairGap() (0.3 - 0.2*x) //
+macro friction() (label == 1 ? 0.25 : 0.75) //
+include "export.idp"
+"""
+
+
+def test_obstacles_and_pairs_have_gaps_and_friction_of_their_own(built, named_scene):
+    """Of several laws that of the kind of contact counts at a node, and none of the other's."""
+    boundary = built(named_scene("two", TWO), reduce=False).structure.contact
+    x = boundary.xy[:, 0]
+    # means of linear functions over dual segments: at inner nodes, which have even ones
+    inner = (x > 0.01) & (x < 0.99)
+    for kind, gap, friction in ((~boundary.paired, 0.1 + 0.05 * x, 0.25),
+                                (boundary.paired, 0.3 - 0.2 * x, 0.75)):
+        here = kind & inner
+        assert here.sum() == 3
+        np.testing.assert_allclose(boundary.gap[here], gap[here], rtol=1e-12)
+        np.testing.assert_allclose(boundary.columns["friction"][here], friction, rtol=1e-12)

@@ -61,7 +61,8 @@ def test_regions_still_give_materials(solved, changed, tmp_path):
     ('bodyMaterial("rubber", 4., 0.);', 'bodyMaterial("a", 4., 0.); bodyMaterial("b", 4., 0.);',
      "twice for body 2"),
     ("macro support", "macro young() 2. //\nmacro poisson() 0. //\nmacro support",
-     "young or c11 is declared")])
+     "young or c11 is declared"),
+    ("macro support", "macro poisson() 0. //\nmacro support", "poisson is declared")])
 def test_misuse_is_refused_in_one_line(solved, changed, old, new, reason):
     run = solved(changed(old, new))
     assert run.status == 2 and reason in run.reason

@@ -229,7 +229,9 @@ def test_what_freefem_trips_over(said, old, new, words):
      "amplitude1"),
     (("rectangle(0., 2., 0., 1.);", "body = square(2, 2); addBody(square(3, 3))"),
      "body is set to another mesh, which would be left out: give each body by addBody(mesh)",
-     "rectangle")])
+     "rectangle"),
+    (("rectangle(0., 2., 0., 1.);", "body = square(3, 3); addBody(square(3, 3, [2*x, y]))"),
+     "body is set to another mesh", "rectangle")])
 def test_what_would_be_left_out_in_silence(said, changes, words, place_of):
     message = said(changes, parameters={})
     assert words in message and place(message) == line_of(place_of)
@@ -317,6 +319,18 @@ def test_a_contact_normal_that_points_into_the_body(said, declared, words, more)
                    parameters={"steps": "2", **more})
     assert words in message and "of the body on label 1 at (" in message
     assert "mine.edp line 14: " in message  # of the macro
+
+
+def test_each_side_of_a_corner_faces_the_obstacle(said):
+    """A label round a square of single sides, all of whose nodes are corners."""
+    message = said(("rectangle(0., 2., 0., 1.);",
+                    "int[int] one = [1, 1, 1, 1]; body = square(1, 1, [2*x, y], label = one);"),
+                   ('subdomains("2x1");\n', ""), ("traction(3", "traction(1"),
+                   ("on(4, u1 = 0., u2 = 0.)", "on(1, u2 = 0.)"),
+                   ("macro contact() 1 //",
+                    "macro contact() 1 //\nmacro contactNormal() [0., -1.] //"),
+                   parameters={"steps": "2", "subdomains": "1"})
+    assert "does not point out of the body on label 1 at (" in message
 
 
 @pytest.mark.parametrize("old, new, words", [

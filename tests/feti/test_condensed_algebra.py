@@ -1,0 +1,180 @@
+"""Algebra of condensed problems on matrices made by hand: fronts, compliances, contact blocks."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from scipy.sparse import csr_matrix, triu
+
+from driver.feti import fronts
+from driver.feti.compliance import ContactCompliance, FaceInverse, _Factor, _multiply
+from driver.feti.contact_block import ContactBlock
+from driver.feti.fronts import GluingElimination
+from driver.feti.structure import ContactTable, Substructure
+
+
+def spd(size: int, seed=1) -> np.ndarray:
+    root = np.random.default_rng(seed).standard_normal((size, size + 3))
+    return root @ root.T
+
+
+# ------------------------------------------------------------------------------ fronts
+
+# unknowns of three subdomains: dual rows 0..6, of which 2 and 5 belong to contact; corners 7, 8, 9
+NUMBERS = [np.array([0, 1, 2, 7, 8]), np.array([1, 0, 3, 4, 8, 9, 7]), np.array([4, 3, 5, 6, 9])]
+ROWS, DUAL, SIZE = np.array([5, 2]), 7, 10
+
+
+def test_unknowns_of_a_front_belong_to_the_same_subdomains():
+    """Gluing rows, corners and contact rows apart; those of contact after all others."""
+    group, count = fronts._groups(NUMBERS, SIZE, DUAL, ROWS)
+    sets = [frozenset(k for k, number in enumerate(NUMBERS) if i in number) for i in range(SIZE)]
+    kinds = ["contact" if i in ROWS else "glue" if i < DUAL else "corner" for i in range(SIZE)]
+    for i in range(SIZE):
+        for j in range(SIZE):
+            assert (group[i] == group[j]) == ((sets[i], kinds[i]) == (sets[j], kinds[j]))
+    assert count == len(set(group[np.setdiff1d(np.arange(SIZE), ROWS)].tolist())) == 5
+    assert sorted(set(group.tolist())) == list(range(7)) and group[ROWS].min() == count
+    # 0 of no rows: nothing to eliminate
+    assert fronts._groups([ROWS], SIZE, DUAL, np.arange(SIZE))[1] == 0
+
+
+def test_places_follow_the_groups_and_end_with_contact_in_its_order():
+    group, count = fronts._groups(NUMBERS, SIZE, DUAL, ROWS)
+    place, start = fronts._order(group, count, ROWS)
+    assert sorted(place.tolist()) == list(range(SIZE)) and place[ROWS].tolist() == [8, 9]
+    for g in range(count):
+        own = np.sort(place[group == g])
+        stop = start[g + 1] if g + 1 < len(start) else SIZE - len(ROWS)
+        assert own.tolist() == list(range(start[g], stop))
+    assert len(start) == count + 1 and start[-1] == SIZE - len(ROWS)
+
+
+def test_parts_are_added_where_their_indices_are():
+    """Of any number and overlap; matrices may be made when they are needed, and are taken out."""
+    rng = np.random.default_rng(2)
+    indices = [np.array([1, 4, 6]), np.array([0, 1, 4, 6, 9]), np.array([4, 9])]
+    given = [rng.standard_normal((len(i), len(i))) for i in indices]
+    expected = np.zeros((10, 10))
+    for i, matrix in zip(indices, given):
+        expected[np.ix_(i, i)] += matrix
+    for order in ([0, 1, 2], [2, 1, 0], [1, 2, 0]):
+        parts = [(indices[k], (lambda m=given[k].copy(): m) if k else given[k].copy())
+                 for k in order]
+        index, total = fronts._assembled(parts)
+        assert index.tolist() == [0, 1, 4, 6, 9] and not parts
+        np.testing.assert_allclose(total, expected[np.ix_(index, index)], rtol=1e-14)
+    index, total = fronts._assembled([])
+    assert not len(index) and total.shape == (0, 0)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_elimination_leaves_the_schur_complement(sign):
+    """Of pivots of one sign; of all matrices the lower triangle counts."""
+    m, whole = 3, spd(7)
+    whole[:3, :3] *= sign
+    pivots, rest, left = fronts._eliminated(np.tril(whole), m, sign)
+    np.testing.assert_allclose(pivots @ pivots.T, sign * whole[:m, :m], rtol=1e-12)
+    np.testing.assert_allclose(pivots @ rest, whole[:m, m:], rtol=1e-11)
+    schur = whole[m:, m:] - whole[m:, :m] @ np.linalg.solve(whole[:m, :m], whole[:m, m:])
+    np.testing.assert_allclose(np.tril(left), np.tril(schur), rtol=1e-10, atol=1e-10)
+    none = fronts._eliminated(np.tril(whole[:m, :m]), m, sign)
+    assert none[1].shape == (m, 0) and none[2].shape == (0, 0)
+
+
+def test_the_price_is_of_fronts_over_that_of_a_product(built):
+    """Cubes of fronts and a share for each, over squares of local matrices and a share for all."""
+    problem = built("model", subdomains="4x2", cells=4)
+    elimination, classes = GluingElimination(problem.operator), problem.operator.classes
+    work = sum(len(c.members) * (len(c.F) + len(c.S)) ** 2 / (fronts.SHARED if c.shared else 1)
+               for c in classes)
+    product = work + fronts.EACH_PRODUCT
+    sizes, one = [], fronts._eliminated
+    try:
+        fronts._eliminated = lambda matrix, m, sign: sizes.append((m, len(matrix))) or one(
+            matrix, m, sign)
+        elimination.compliance()
+    finally:
+        fronts._eliminated = one
+    operations = sum(m * size**2 / 2 for m, size in sizes)
+    assert elimination.price == pytest.approx(
+        (operations / fronts.SPEED + fronts.EACH_FRONT * len(sizes)) / product, rel=1e-12)
+    assert elimination.products(1e8) == pytest.approx(1e8 / fronts.SPEED / product, rel=1e-12)
+
+
+# ------------------------------------------------------------------------------ compliances
+
+def test_a_face_is_inverted_and_nothing_else():
+    """Kept as long as it stays, made anew with what rows yield; none has nothing to invert."""
+    C, residual = spd(6), np.arange(6.0) - 2
+    inverse = FaceInverse(C)
+    for free in (np.array([1, 0, 1, 1, 0, 1], bool), np.array([1, 1, 0, 0, 0, 0], bool)):
+        for soft in (np.zeros(6), np.arange(6.0)):
+            inverse.soften(soft)
+            for _ in range(2):
+                z = inverse(residual, free)
+                assert not z[~free].any()
+                whole = (C + np.diag(soft))[np.ix_(free, free)]
+                np.testing.assert_allclose(whole @ z[free], residual[free], atol=1e-10)
+    assert not inverse(residual, np.zeros(6, bool)).any()
+    factor = inverse.factor
+    inverse(residual, np.array([1, 1, 0, 0, 0, 0], bool))
+    assert inverse.factor is factor
+
+
+def test_the_compliance_is_a_dual_problem():
+    """Products, loads, norms and what moves under them, of its own small matrices."""
+    one, rng = object.__new__(ContactCompliance), np.random.default_rng(3)
+    one.C, one.d, one.softness, one.products = spd(4), rng.standard_normal((2, 4)), None, 0
+    one._loaded, one._moved = rng.standard_normal((2, 3)), rng.standard_normal((3, 4))
+    one._exponents = np.array([0, 2])
+    x, weights = rng.standard_normal(4), np.array([2.0, -1.0])
+    np.testing.assert_allclose(one.apply(x), one.C @ x)
+    one.softness = np.arange(4.0)
+    np.testing.assert_allclose(one.apply(x), one.C @ x + np.arange(4) * x)
+    assert one.products == 2 and one.dot(x, 2 * x) == pytest.approx(2 * x @ x)
+    np.testing.assert_allclose(one.elastic_response(weights), 2 * one.d[0] - one.d[1])
+    corner = np.abs(2 * one._loaded[0] - one._loaded[1] + one._moved @ x).max()
+    node = np.abs(one.C @ x).max()
+    assert one.deformation(x, weights) == pytest.approx(max(corner, node))
+    assert one.deformation(1e-9 * x, weights) == pytest.approx(
+        np.abs(2 * one._loaded[0] - one._loaded[1]).max())
+    np.testing.assert_allclose(one.deformation_by_level(x, weights),
+                               one.deformation(x, weights) * np.array([1.0, 0.1]))
+    scale = np.arange(1.0, 5)
+    assert one.norm_bound(scale) == pytest.approx(np.linalg.norm(one.C * np.outer(scale, scale)))
+    assert one.norm_bound(scale) >= np.linalg.norm(one.C * np.outer(scale, scale), 2)
+    one.C = np.zeros((0, 0))
+    assert one.norm_bound(np.zeros(0)) == 1.0
+    assert isinstance(one.preconditioner(), FaceInverse)
+
+
+def test_products_and_solutions_by_an_upper_triangle():
+    K = spd(5)
+    upper = csr_matrix(triu(K))
+    x = np.random.default_rng(4).standard_normal((5, 2))
+    np.testing.assert_allclose(_multiply(upper, x[:, 0]), K @ x[:, 0], rtol=1e-12)
+    np.testing.assert_allclose(_Factor(upper).solve(K @ x), x, atol=1e-10)
+    none = _Factor(csr_matrix((0, 0)))
+    assert none.solve(np.zeros((0, 3))).shape == (0, 3)
+
+
+# ------------------------------------------------------------------------------ contact blocks
+
+def test_a_rank_has_its_contact_rows_in_its_own_part():
+    """Rows 4 to 9 are its own, of which 4, 6 and 9 belong to contact."""
+    table = ContactTable(np.array([1, 4, 6, 9, 11]), *np.zeros((3, 5)))
+    structure = SimpleNamespace(row_range=(4, 10), at_contact=table, subdomains=[])
+    structure.own_rows = Substructure.own_rows.fget(structure)
+    assert structure.own_rows == slice(1, 4)
+    operator = SimpleNamespace(structure=structure, comm=MPI.COMM_SELF, classes=[],
+                               coarse=SimpleNamespace(inverse=lambda corners: np.zeros((0, 0))))
+    block = ContactBlock(operator, SimpleNamespace(schur=[]))
+    x = np.arange(10.0, 16.0)
+    assert block.gather(x).tolist() == [10, 12, 15] and block.size == 5
+    placed = block.scatter(-np.arange(5.0), x)
+    assert placed.tolist() == [-1, 11, -2, 13, 14, -3] and x[0] == 10
+    assert not block.apply(np.ones(5)).any()
+    block.softness = np.arange(5.0)
+    assert block.apply(2 * np.ones(5)).tolist() == [0, 2, 4, 6, 8]
