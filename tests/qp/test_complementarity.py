@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from driver.hard.oracle import box_qp
-from driver.qp import complementarity
+from driver.qp import complementarity, pivots
 from driver.qp.complementarity import (
     all_solutions, approached, index, lemke, newton, search, settled)
 from driver.contact.states import OPEN, STICK
@@ -249,7 +249,7 @@ def test_lemke_does_not_cycle(n):
     first of them goes round in circles (M. Kostreva, Math. Programming 16 (1979) 127-130).
     """
     M, q = np.eye(n) + 2 * np.roll(np.eye(n), 1, axis=1), -np.ones(n)
-    z = complementarity._lemke_pivots(M, q, np.ones(n))
+    z = pivots.solution(M, q, np.ones(n))
     np.testing.assert_allclose(z, 1 / 3, rtol=1e-12)  # the P-matrix has this solution alone
 
 
@@ -266,7 +266,7 @@ def test_a_zero_that_stays_is_no_ray(seed):
                              np.full(20, 1.5), np.arange(20))
     scale = np.sqrt(problem.rigidity)
     M, q, _ = complementarity._complementary(problem, scale, np.abs(load * scale).max())
-    z = complementarity._lemke_pivots(M, q, np.ones(len(q)))
+    z = pivots.solution(M, q, np.ones(len(q)))
     w = M @ z + q
     # a few hundred pivots, condition of the bases up to 1e7: eps times these
     assert z.min() >= 0 and w.min() >= -1e-8 and np.abs(z * w).max() <= 1e-8
@@ -303,7 +303,7 @@ def test_pivots_are_those_of_a_right_side_moved_by_powers(seed):
     # w of all rows are out of the basis: their columns stand first in the tableau
     nonbasic, basic = np.arange(5), np.arange(4) + 5
     table = np.column_stack([inverse, np.zeros(4), np.zeros(4)])
-    row = complementarity._lexicographic(  # pylint: disable=protected-access
+    row = pivots._lexicographic(  # pylint: disable=protected-access
         table, basic, nonbasic, np.arange(4), entry)
     moved = inverse @ 1e-3 ** np.arange(1, 5) / entry
     assert row == np.argmin(moved)

@@ -8,7 +8,8 @@ import pytest
 from mpi4py import MPI
 
 from driver.contact.equilibrium import rigid_equilibrium
-from driver.qp.complementarity import _lemke_pivots, _neighbours, lemke
+from driver.qp import pivots
+from driver.qp.complementarity import _neighbours, lemke
 from driver.qp.coulomb import BACKWARD, FORWARD, OPEN, STICK, CoulombProblem
 
 
@@ -138,13 +139,13 @@ def test_pivots_solve_complementarity_whatever_covers(seed):
     root = rng.standard_normal((7, 9))
     M, q, found = root @ root.T, rng.standard_normal(7), []
     for cover in (np.ones(7), rng.uniform(0.05, 5.0, 7), rng.uniform(0.05, 5.0, 7)):
-        z = _lemke_pivots(M, q, cover)
+        z = pivots.solution(M, q, cover)
         w = M @ z + q
         assert z.min() >= 0 and w.min() >= -1e-9 and abs(z @ w) < 1e-9
         found.append(z)
     np.testing.assert_allclose(found[1:], [found[0]] * 2, atol=1e-9)
-    assert not _lemke_pivots(M, np.abs(q), np.ones(7)).any()
-    assert _lemke_pivots(-np.eye(2), np.array([-1.0, -2.0]), np.ones(2)) is None
+    assert not pivots.solution(M, np.abs(q), np.ones(7)).any()
+    assert pivots.solution(-np.eye(2), np.array([-1.0, -2.0]), np.ones(2)) is None
 
 
 @pytest.mark.parametrize("pulls, count", [(False, 2 * 3), (True, 2 * 5)])
