@@ -6,7 +6,9 @@ import pytest
 
 from driver.environment import ROOT
 from driver.errors import InputError
-from driver.studies.accuracy import prices, requests, run_accuracy
+from driver.figures import prices as figure
+from driver.studies.accuracy import handpicked, prices, requests, run_accuracy
+from driver.studies.accuracy.coverage import CASES
 
 
 def row(asked, status=0, reached=None, true=None, uncertainty=0.0):
@@ -65,6 +67,20 @@ def test_the_prices_of_the_reference_hold():
 
 
 @pytest.mark.parametrize("part", ["prices", "requests"])
-def test_scenes_that_a_study_has_not_are_refused(part, tmp_path):
-    with pytest.raises(InputError, match="has no runs of nowhere; it has model"):
+def test_scenes_that_are_not_there_are_refused(part, tmp_path):
+    with pytest.raises(InputError, match="nowhere"):
         run_accuracy({"part": part, "scene": "nowhere", "out": str(tmp_path / "x")})
+
+
+@pytest.mark.parametrize("study", [prices, requests, handpicked])
+def test_any_other_scene_starts_from_its_own_mesh(study, monkeypatch, tmp_path):
+    """Not from that of a scene of the table; its references are finer."""
+    seen = []
+    monkeypatch.setattr(study.coverage, "judged", lambda cases, *_: seen.extend(cases) or [])
+    monkeypatch.setattr(study.coverage, "summary_of", lambda *_: {"parameters": {"h": 0.4}})
+    monkeypatch.setattr(figure, "draw", lambda table: [])
+    run_accuracy({"part": study.__name__.rpartition(".")[2], "scene": "zones",
+                  "out": str(tmp_path / "x")})
+    assert [prices.settings_of(case) for case in seen] == [{"h": 0.4}]
+    assert all(settings["h"] < 0.4 for case in seen for settings in case.references)
+    assert prices.settings_of(study.coverage.chosen(CASES, "stack", tmp_path)[0])["steps"] == 5

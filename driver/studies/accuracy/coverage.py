@@ -125,9 +125,7 @@ def run_coverage(out: Path, scene: str | None) -> list[Path]:
     """
     from ...figures.coverage import draw
 
-    table = out / "coverage.csv"
-    known = scene is None or scene in {case.scene for case in CASES}
-    cases = chosen(CASES, scene) if known else [of_any(scene, out)]
+    cases, table = chosen(CASES, scene, out), out / "coverage.csv"
     for row in judged(cases, judge, describe, table, COLUMNS):
         if row["held"] == "no":
             print(f"  {row['scene']} {row['setting']}: {words(row['quantity'])} claimed "
@@ -175,19 +173,15 @@ def of_any(scene: str, out: Path) -> Case:
                 _by(knob, *fine, element="P2"))
 
 
-def of_each(scenes, scene: str | None) -> list[Case]:
-    """A case of each of `scenes`, or that of `scene`. Raises InputError if it is not among them."""
+def of_each(scenes, scene: str | None, out: Path) -> list[Case]:
+    """A case of each of `scenes`, or that of `scene`, see `chosen`."""
     first = {case.scene: case for case in reversed(CASES) if case.scene in scenes}
-    return chosen(list(first.values())[::-1], scene)
+    return chosen(list(first.values())[::-1], scene, out)
 
 
-def chosen(cases, scene: str | None) -> list[Case]:
-    """The cases of a scene, or all. Raises InputError if there are none."""
-    own = [case for case in cases if scene in (None, case.scene)]
-    if not own:
-        names = ", ".join(dict.fromkeys(case.scene for case in cases))
-        raise InputError(f"this part of the study has no runs of {scene}; it has {names}")
-    return own
+def chosen(cases, scene: str | None, out: Path) -> list[Case]:
+    """All cases, or those of a scene, which is not among them perhaps: see `of_any`."""
+    return [case for case in cases if scene in (None, case.scene)] or [of_any(scene, out)]
 
 
 def judge(case: Case, out: Path) -> list[dict]:

@@ -24,7 +24,7 @@ from ...estimates.budget import mesh_knob
 from ...text import assignments, percent, words
 from . import coverage
 from .coverage import Case
-from .prices import RUNS
+from .prices import settings_of
 from .requests import ASKED
 
 SCENES = ("model", "hertz", "hertz-bodies", "stack", "wedge", "pressfit")
@@ -55,9 +55,9 @@ class Pick:
 def run_handpicked(out: Path, scene: str | None) -> list[Path]:
     """Compare all scenes, or `scene`; make the table in `out`.
 
-    Raises InputError if the study has no such scene.
+    Raises InputError if there is no such scene, or nothing that sets its mesh size.
     """
-    cases = coverage.of_each(SCENES, scene)
+    cases = coverage.of_each(SCENES, scene, out)
     table = out / "handpicked.csv"
     for row in coverage.judged(cases, judge, describe, table, COLUMNS):
         if row["within"] == "no":
@@ -81,7 +81,7 @@ def judge(case: Case, out: Path) -> list[dict]:
 
 def _picks(case: Case, out: Path) -> list[Pick]:
     """All runs by hand that converge."""
-    base, picks = RUNS[case.scene], []
+    base, picks = settings_of(case), []
     knob = mesh_knob(base)
     steps = STEPS if "steps" in base else (1,)
     for element, more in product(MESHES, steps):

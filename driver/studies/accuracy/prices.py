@@ -36,11 +36,11 @@ COLUMNS = ("scene", "setting", "quantity", "accuracy", "kind", "price", "seconds
 def run_prices(out: Path, scene: str | None) -> list[Path]:
     """Run the lines of all scenes' lists, or of `scene`; table and picture in `out`.
 
-    Raises InputError if the study has no such scene.
+    Raises InputError if there is no such scene, or nothing that sets its mesh size.
     """
     from ...figures.prices import draw
 
-    cases = coverage.of_each(RUNS, scene)
+    cases = coverage.of_each(RUNS, scene, out)
     table = out / "prices.csv"
     for row in coverage.judged(cases, judge, describe, table, COLUMNS):
         if "no" in (row["met"], row["within"]):
@@ -50,9 +50,14 @@ def run_prices(out: Path, scene: str | None) -> list[Path]:
     return [table, *draw(table)]
 
 
+def settings_of(case: Case) -> dict:
+    """Settings of the run that a case starts from: of scenes without any their own mesh size."""
+    return RUNS[case.scene] if case.scene in RUNS else case.runs[0]
+
+
 def judge(case: Case, out: Path) -> list[dict]:
     """Rows of the table: the lines of one run's list, each setting run once."""
-    settings = case.common | RUNS[case.scene]
+    settings = case.common | settings_of(case)
     prices = _run(settings | {"scene": case.scene}, out).get("errors", {}).get("prices")
     if not prices or not prices["lines"]:
         print(f"  {case.scene}: {prices and prices['reason']}")

@@ -18,7 +18,7 @@ from ...scene import freefem
 from ...text import percent, words
 from . import coverage
 from .coverage import Case
-from .prices import RUNS
+from .prices import settings_of
 
 ASKED = (0.1, 0.03, 0.01)
 SCENES = ("model", "model-static", "model-tresca", "cohesion", "hertz", "mindlin", "hertz-bodies",
@@ -30,9 +30,9 @@ COLUMNS = ("scene", "quantity", "asked", "status", "reached", "true", "uncertain
 def run_requests(out: Path, scene: str | None) -> list[Path]:
     """Run all requests, or those of `scene`; make the table in `out`.
 
-    Raises InputError if the study has no such scene.
+    Raises InputError if there is no such scene, or nothing that sets its mesh size.
     """
-    cases = coverage.of_each(SCENES, scene)
+    cases = coverage.of_each(SCENES, scene, out)
     table = out / "requests.csv"
     for row in coverage.judged(cases, judge, describe, table, COLUMNS):
         if row["right"] == "no":
@@ -44,7 +44,7 @@ def run_requests(out: Path, scene: str | None) -> list[Path]:
 def judge(case: Case, out: Path) -> list[dict]:
     """Rows of the table: every quantity of a scene at every accuracy."""
     (finer, finest), rows = coverage.references(case, out), []
-    for name in coverage.summary_of(case, RUNS[case.scene], out).get("quantities", {}):
+    for name in coverage.summary_of(case, settings_of(case), out).get("quantities", {}):
         reference = case.exact.get(name, finest[name])
         apart = 0.0 if name in case.exact else abs(finest[name] - finer[name])
         own = [_request(case, name, asked, out) for asked in ASKED]
