@@ -100,12 +100,11 @@ def test_point_loads_act_once_at_their_vertices(built, tmp_path, options):
 
 
 CORNERS = """include "scene.idp"
-body = square(2, 1, [2*x, y]);
+body = square(1, 1, [2*x, y]);
 macro young() 1. //
 macro poisson() 0.3 //
 macro support() on(4, u1 = 0., u2 = 0.) //
-macro pointLoad1() [0., 0., 1., 64., 1., 0., 2., 128., 2., 0., 4., 256., 0., 1., 8., 512.,
-                    1., 1., 16., 1024., 2., 1., 32., 2048.] //
+macro pointLoad1() [0., 0., 1., 64., 2., 0., 2., 128., 0., 1., 4., 256., 2., 1., 8., 512.] //
 include "export.idp"
 """
 
@@ -113,13 +112,13 @@ include "export.idp"
 @pytest.mark.parametrize("element", ["P1", "P2"])
 @pytest.mark.parametrize("cut", [1, 2])
 def test_every_vertex_takes_the_force_that_is_given_at_it(built, named_scene, element, cut):
-    """Also one that the first or the last triangle alone has; of those that share it one does."""
+    """Two triangles have a vertex of their own each; of those that both share one takes it."""
     problem = built(named_scene("corners", CORNERS), reduce=False, element=element, subdomains=cut)
     taken = {}
     for sub in problem.subdomains:
         for (x, y), force in zip(sub.xy, sub.loads[0].reshape(-1, 2)):
             taken.setdefault((round(x, 9), round(y, 9)), []).extend([force] if force.any() else [])
-    places = [(float(x), float(y)) for y in (0, 1) for x in (0, 1, 2)]
+    places = [(0.0, 0.0), (2.0, 0.0), (0.0, 1.0), (2.0, 1.0)]
     for k, place in enumerate(places):
         assert [of.tolist() for of in taken.pop(place)] == [[2.0**k, 2.0**(k + 6)]]
     assert not any(taken.values())
