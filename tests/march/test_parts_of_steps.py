@@ -563,8 +563,8 @@ def test_the_first_method_that_finds_a_solution(monkeypatch, solver, motions, fr
         return call
 
     z, alike = np.array([1.0]), np.array([7.0])
-    monkeypatch.setattr(globalization.complementarity, "newton", lambda problem, start: attempt(
-        "all alike" if start is alike else "newton", z)())
+    monkeypatch.setattr(globalization.complementarity, "approached", attempt("newton", z))
+    monkeypatch.setattr(globalization.complementarity, "newton", attempt("all alike", z))
     monkeypatch.setattr(globalization.complementarity, "lemke", attempt("lemke", z))
     monkeypatch.setattr(globalization.complementarity, "all_alike", lambda problem: [alike])
     monkeypatch.setattr(globalization.complementarity, "descend", attempt("descend", z))
@@ -585,7 +585,7 @@ def test_the_first_method_that_finds_a_solution(monkeypatch, solver, motions, fr
 
 def test_where_no_method_finds_a_solution(monkeypatch):
     """There is none if all states were tried; of many nodes nothing is known."""
-    for name in ("newton", "lemke", "descend"):
+    for name in ("approached", "lemke", "descend"):
         monkeypatch.setattr(globalization.complementarity, name, lambda *_: None)
     monkeypatch.setattr(globalization.complementarity, "all_alike", lambda problem: [])
     for name in ("with_growing_friction", "solution_within_limits"):
