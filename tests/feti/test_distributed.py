@@ -144,6 +144,7 @@ def program(tmp_path_factory):
     return run
 
 
+@pytest.mark.slow
 def test_ranks_share_out_what_one_rank_does_alone(program, exported):
     """A grid, a metis cut, free bodies; an interface in pieces, whose corners one side chooses."""
     program(3, exported(subdomains="8x4", cells=3), exported("stack", subdomains="13"),

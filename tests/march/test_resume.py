@@ -504,7 +504,7 @@ def wait_for(event, seconds=60):
     pytest.param(1, "driver", signal.SIGINT, 1, marks=pytest.mark.slow),  # as by SIGKILL
     (1, "driver", signal.SIGKILL, 1),
     pytest.param(2, "driver", signal.SIGKILL, 1, marks=pytest.mark.slow),
-    (2, "rank", signal.SIGKILL, 1)])
+    pytest.param(2, "rank", signal.SIGKILL, 1, marks=pytest.mark.slow)])
 def test_killed_run_goes_on(tmp_path, reference, ranks, target, number, again):
     """In the middle of its steps; some on another number of ranks."""
     assert kill_and_run_again(tmp_path, reference, ranks, target, number, again=again) > 0

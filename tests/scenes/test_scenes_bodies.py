@@ -432,6 +432,7 @@ def test_stack_topples_where_it_must(solved):
     assert run.summary["converged"] is False and run.summary["steps"] == 1
 
 
+@pytest.mark.slow
 def test_ranks_do_not_change_a_bit(solved):
     one, other = (solved("stack", subdomains="5", steps=1, np=n) for n in (1, 3))
     for name in ("sigma_n", "sigma_t", "u_n", "u_t"):

@@ -59,6 +59,7 @@ def test_hertz_at_the_shipped_mesh(solved):
     assert np.all(np.array([width, peak, shape]) < 3 * np.array(measured))
 
 
+@pytest.mark.slow
 def test_hertz_error_falls_with_the_mesh(solved):
     # the error of one run depends on where the edge of contact falls between nodes: average over
     # loads
