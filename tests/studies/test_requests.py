@@ -55,15 +55,15 @@ def test_a_price_is_judged_by_what_was_taken(taken, true, within, met):
 
 
 def test_the_prices_of_the_reference_hold():
-    """The aim for accuracies is 95 of 100. Seconds were taken on a machine whose load changed by
-    more than a factor of two within minutes: not all can be within that.
+    """The aim for accuracies is 95 of 100. Of seconds on an idle machine nine in ten are within a
+    factor of two: the shortest runs, and orders that turn between the meshes, are not.
     """
     with open(ROOT / "results" / "reference" / "prices.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     assert len({entry["scene"] for entry in rows}) >= 12 and len(rows) >= 50
     judged = [entry["met"] == "yes" for entry in rows if entry["met"]]
     assert len(judged) >= 0.9 * len(rows) and sum(judged) >= 0.95 * len(judged)
-    assert sum(entry["within"] == "yes" for entry in rows) >= 0.85 * len(rows)
+    assert sum(entry["within"] == "yes" for entry in rows) >= 0.9 * len(rows)
 
 
 @pytest.mark.parametrize("part", ["prices", "requests"])
