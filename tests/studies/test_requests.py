@@ -56,13 +56,17 @@ def test_a_price_is_judged_by_what_was_taken(taken, true, within, met):
 
 def test_the_prices_of_the_reference_hold():
     """The aim for accuracies is 95 of 100. Of seconds on an idle machine nine in ten are within a
-    factor of two: the shortest runs, and orders that turn between the meshes, are not.
+    factor of two: the shortest runs, and orders that turn between the meshes, are not. References
+    are good enough for lines to 1 %, and for as many of the finer ones as there are runs that are
+    much finer still.
     """
     with open(ROOT / "results" / "reference" / "prices.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     assert len({entry["scene"] for entry in rows}) >= 12 and len(rows) >= 50
     judged = [entry["met"] == "yes" for entry in rows if entry["met"]]
-    assert len(judged) >= 0.9 * len(rows) and sum(judged) >= 0.95 * len(judged)
+    coarse = [entry["met"] for entry in rows if float(entry["accuracy"]) >= 0.01]
+    assert sum(map(bool, coarse)) >= 0.95 * len(coarse) and len(judged) >= 0.8 * len(rows)
+    assert sum(judged) >= 0.95 * len(judged)
     assert sum(entry["within"] == "yes" for entry in rows) >= 0.9 * len(rows)
 
 
