@@ -58,8 +58,8 @@ class Shortcut:
         early = spent < SPENT or len(changes) < SEEN
         if early or trace.shortcut is not None or not 0 < target < changes[-1]:
             return False
-        rate = (changes[-1] / changes[0]) ** (1 / (len(changes) - 1))
-        if rate >= 1.0 and len(changes) < WINDOW:  # the first ones may grow
+        rate = trace.contraction
+        if not rate < 1.0 and len(changes) < WINDOW:  # the first ones may grow
             return False
         rate = min(max(rate, FASTEST), SLOWEST)
         to_come = spent / taken * np.log(target / changes[-1]) / np.log(rate)

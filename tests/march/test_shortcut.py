@@ -97,6 +97,13 @@ def test_it_pays_where_more_products_are_to_come_than_its_price(decided):
     assert not decided(np.ones(7), 2) and decided(np.ones(8), 2)
 
 
+@pytest.mark.filterwarnings("error")
+def test_an_iteration_that_changes_nothing_tells_no_rate(decided):
+    """Of a QP that starts from its solution; the changes after it do."""
+    halved = 0.5 ** np.arange(4)
+    assert decided([0.0, *halved], 10) and not decided([0.0, 0.0, 0.5], 10)
+
+
 def test_a_price_above_what_is_to_come_does_not_pay(decided, monkeypatch):
     """171 products to come: that of the elimination, and of factors of the rows that are free."""
     halved = 0.5 ** np.arange(4)
