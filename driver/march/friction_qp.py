@@ -104,19 +104,15 @@ class FrictionQP:
         unscaled = x / self.scale
         return self.bound * np.sqrt(self.operator.dot(unscaled, unscaled))
 
-    def rounding(self, x: np.ndarray) -> np.ndarray:
-        """(owned,) what a product F x rounds off: 3 x, whose digits differ, shows it."""
-        return self.operator.apply(x) - self.operator.apply(3 * x) / 3
-
     def rounded(self, x: np.ndarray) -> float:
-        """What a product F x rounds off, in the same scale."""
-        return self.size(self.rounding(x))
+        """What a product F x rounds off, in the same scale: 3 x, whose digits differ, shows it."""
+        return self.size(self.operator.apply(x) - self.operator.apply(3 * x) / 3)
 
-    def largest_by_level(self, displacements: np.ndarray) -> np.ndarray:
-        """(levels,) largest of `displacements` (owned,) on a row of every level; collective."""
+    def rounded_by_level(self, x: np.ndarray) -> np.ndarray:
+        """(levels,) what a product F x rounds off at most on a row of every level; collective."""
         op = self.operator
-        largest = np.zeros(op.levels)
-        np.maximum.at(largest, op.row_level, np.abs(displacements))
+        off, largest = np.abs(op.apply(x) - op.apply(3 * x) / 3), np.zeros(op.levels)
+        np.maximum.at(largest, op.row_level, off)
         op.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
         return largest
 

@@ -76,11 +76,11 @@ class Residuals:
 
         Relative to a lower bound of the deformation if they are small even so, to the deformation
         itself, which takes the fields of all subdomains, else. Where stiffness jumps, what products
-        round off on stiff rows, measured, and the forces that it stands for, are no less than what
-        is asked for, unless `exact`: terms of such products may be larger than their sum.
+        round off on stiff rows, measured, is no less than what is asked for, unless `exact`: terms
+        of such products may be larger than their sum. Forces that are missing are missing, whatever
+        rounding made them.
         """
-        op, (missing, forces) = self.operator, self._missing(x, gradient)
-        others = {"stationarity": missing / forces}
+        op, others = self.operator, {"stationarity": self._missing(x, gradient)}
         if op.modes:
             others["equilibrium"] = self.bodies.imbalance(load, x)
         missed, least = self._changing(x, gradient), self._least_deformation(load)
@@ -92,13 +92,10 @@ class Residuals:
             kkt = self._kkt(x, gradient, deformations, least, missed)
             if self.enough(kkt):
                 break
-        if op.levels > 1 and not exact and not self.enough(others | kkt):
-            rounding = self.qp.rounding(x)
-            rounded = ROUNDINGS * self.qp.largest_by_level(rounding)
+        if op.levels > 1 and not exact and not self.enough(kkt):
+            rounded = ROUNDINGS * self.qp.rounded_by_level(x)
             least[1:] = np.maximum(least[1:], rounded[1:] / self.asked("penetration"))
             kkt = self._kkt(x, gradient, deformations, least, missed)
-            made = ROUNDINGS * self._missing(x, gradient, rounding)[0]
-            others["stationarity"] = missing / max(forces, made / self.asked("stationarity"))
         return others | kkt
 
     def _kkt(self, x, gradient, deformations: np.ndarray, least: np.ndarray,
@@ -130,11 +127,8 @@ class Residuals:
         rows.coefficient = known
         return self.operator.comm.allreduce(missed, op=MPI.MAX)
 
-    def _missing(self, x: np.ndarray, gradient: np.ndarray,
-                 rounding: np.ndarray | None = None) -> tuple[float, float]:
-        """Norm of the contact forces that the preconditioner finds missing, and that of all.
-
-        Of those that it finds for `rounding` (owned,) on the same rows, if that is given.
+    def _missing(self, x: np.ndarray, gradient: np.ndarray) -> float:
+        """Norm of the contact forces that the preconditioner finds missing, over that of all.
 
         The inverse of F, for which it stands, makes stiff parts of the body count by their
         stiffness. Contact forces that are nothing beside the body's count by FADED times these: its
@@ -149,14 +143,13 @@ class Residuals:
         limits = self.rows.limits(op.owned, x)
         projected = projected_gradient(x, gradient, *limits)
         scales.renew(pressing=self._size(x), forces=np.sqrt(op.dot(x, x)))
-        left = projected if rounding is None else rounding
         if qp.preconditioner is None or scales.pressing == 0:
-            return qp.size(left), scales.d or 1.0
+            return qp.size(projected) / (scales.d or 1.0)
         # with the rows that would leave their bounds
         free = (x != limits[0]) & (x != limits[1]) | (projected != 0)
-        missing = qp.preconditioner(np.where(free, left, 0.0), free)
+        missing = qp.preconditioner(np.where(free, projected, 0.0), free)
         others = max(scales.forces, scales.largest.get("forces", 0.0), scales.d / qp.bound)
         whole = max(scales.pressing, FADED * others)
         if not self._size(x):
             whole = max(whole, scales.largest.get("pressing", 0.0))
-        return self._size(missing), whole
+        return self._size(missing) / whole

@@ -648,7 +648,7 @@ def test_an_interrupt_of_the_command_alone_ends_its_processes(after, tmp_path):
     20000486, 20000546,  # a corner whose state was wrong, very soft springs
     150000115,  # middles of quadratic sides that move far, no scale
     150000121,  # a slit whose lips hide the loads
-    160000024, 100000786])  # missing forces: rounding of stiff rows, all faded
+    100000786])  # forces that have faded
 def test_scenes_that_failed_once(seed, tmp_path):
     assert random.judge(seed, tmp_path).status == "solved"
 

@@ -552,23 +552,19 @@ def test_what_products_round_off_on_stiff_rows(exact, off):
     assert (said <= asked) == (off <= 2e-3 and not exact)
 
 
-@pytest.mark.parametrize("exact, off", [(False, 1e-9), (False, 3e-9), (True, 1e-9)])
-def test_forces_that_rounding_on_stiff_rows_stands_for(exact, off):
-    """A row of stiffness 1e6 presses by one and is known to 5e-10 in a product: what four times
-    that stands for, a force of 2e-3, is no less than what is asked for. Of a row that stays open
-    what products round off stands for nothing.
+@pytest.mark.parametrize("exact", [True, False])
+def test_missing_forces_are_not_excused_by_rounding(exact):
+    """A row of stiffness 1e6 presses by one and is known to 5e-10 in a product: forces differ by
+    1e-3 from cut to cut, and are said to.
     """
-    found, F, stiffness = residuals(2), np.eye(9), np.r_[1e6, np.ones(8)]
+    found, stiffness = residuals(2), np.r_[1e6, np.ones(8)]
     found.operator.row_level = np.array([1] + 8 * [0])
     found.operator.deformation_by_level = lambda *_: np.full(2, 1e6)
-    noise = np.r_[5e-10, 1.0, np.zeros(7)]
-    found.operator.apply = lambda x: F @ x + noise * (x[0] == 1)
+    found.operator.apply = lambda x: x + np.r_[5e-10, np.zeros(8)] * (x[0] == 1)
     found.qp.preconditioner = lambda missed, free: stiffness * missed
-    x, gradient = np.r_[1.0, np.zeros(8)], np.r_[-off, 1.0, np.zeros(7)]
-    said = found.of(Load(np.ones(1), np.zeros(9), 1.0), x, gradient, exact)["stationarity"]
-    made, asked = 4 * 1e6 * 5e-10, found.asked("stationarity")
-    assert said == pytest.approx(1e6 * off / (1.0 if exact else made / asked))
-    assert (said <= asked) == (off <= 2e-9 and not exact)
+    x, gradient = np.r_[1.0, np.zeros(8)], np.r_[-1e-9, np.zeros(8)]
+    said = found.of(Load(np.ones(1), np.zeros(9), 1.0), x, gradient, exact)
+    assert said["stationarity"] == pytest.approx(1e-3)
 
 
 @pytest.mark.parametrize("pressing, relative", [(0.0, 2.0), (1e-9, 2e-6)])
