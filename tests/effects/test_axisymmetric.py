@@ -367,6 +367,7 @@ macro friction() 0.3 //
     assert ring <= 1.3 * plane
 
 
+@pytest.mark.slow
 def test_ranks_and_cuts_agree(solved, scene):
     """The same bits on two ranks, the same tractions for another cut."""
     path = scene(CONE + """

@@ -387,6 +387,7 @@ def test_parts_answer_to_their_own_knob(budget_of, source, change):
         assert size(other, kept) < 0.01 * (size(plain, "mesh") + size(plain, "time")), kept
 
 
+@pytest.mark.slow
 def test_true_errors_are_within_the_budget(budget_of):
     """Largest displacement of the manufactured solution, pressure of Lame's ring: errors are known.
     """

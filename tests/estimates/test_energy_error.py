@@ -154,6 +154,7 @@ include "export.idp"
                                       if taken < 1 else {})
 
 
+@pytest.mark.slow
 def test_any_number_of_ranks_gives_the_same_estimate(solved):
     one, two = (solved("model", loading="nonmonotone", cells=3, steps=2, fields="yes",
                        errors="energy", np=n)

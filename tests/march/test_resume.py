@@ -140,6 +140,7 @@ def test_stopped_run_goes_on_with_the_same_bits(tmp_path, every_step, stop_after
     assert hidden(tmp_path) == []
 
 
+@pytest.mark.slow
 def test_stopped_refinement_goes_on(tmp_path, every_step, stop_after):
     """Stopped in the cycle before and in the run itself: neither starts over."""
     words = [*words_of("several boundaries"), "STEPS=3", "H=16", "ADAPT=1"]
@@ -510,6 +511,7 @@ def test_killed_run_goes_on(tmp_path, reference, ranks, target, number, again):
     assert kill_and_run_again(tmp_path, reference, ranks, target, number, again=again) > 0
 
 
+@pytest.mark.slow
 def test_ranks_end_with_their_driver(tmp_path):
     """A driver that is killed cannot tell them to; the run would take minutes."""
     victim = Victim(tmp_path, *LONG[:3], "STEPS=20000", "FIGURES=no", "FIELDS=no", "NP=2",

@@ -386,6 +386,7 @@ def test_vtu_subdomains_and_size(finished):
     assert np.array_equal(number, expected)
 
 
+@pytest.mark.slow
 def test_figures_are_redrawn_without_solving(command, finished, tmp_path):
     """From the files alone: neither FreeFEM nor the solver, nor any change of the numbers."""
     out = shutil.copytree(finished[0], tmp_path / "copy")

@@ -61,7 +61,8 @@ def test_hertz(solved, asked):
 
 
 @pytest.mark.parametrize("change", [
-    ("macro contact() 1", "macro gap() 1e-4 //\nmacro contact() 1"),
+    pytest.param(("macro contact() 1", "macro gap() 1e-4 //\nmacro contact() 1"),
+                 marks=pytest.mark.slow),
     ("macro friction() F //", "macro friction() F //\nmacro cohesion() 1e7 //")],
     ids=["gap", "cohesion"])
 def test_friction_remembers_the_way_where_twice_the_load_is_not_twice_the_answer(solved, variant,
@@ -109,6 +110,7 @@ def test_a_search_ends_with_the_price_of_the_next_digit(solved):
     assert asked[:3] == [0.1, 0.03, 0.01]
 
 
+@pytest.mark.slow
 def test_nothing_is_solved_beyond_the_discretization_error(solved):
     run = solved("model", loading="nonmonotone", accuracy="1%")
     entry = run.summary["errors"]["quantities"]["normal_resultant"]

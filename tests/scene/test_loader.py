@@ -352,6 +352,7 @@ def test_rewritten_export_is_accepted(small, read):
     assert len(read(small, reduce=False).subdomains) == 2
 
 
+@pytest.mark.slow
 def test_truncated_anywhere(small, read):
     whole = (small / "block-0.bin").read_bytes()
     for size in [*range(0, len(whole), 8), *range(3, len(whole), 1001), len(whole) - 1]:

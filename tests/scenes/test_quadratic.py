@@ -371,6 +371,7 @@ def test_signs_and_cone(solved):
     assert np.all(np.diff(closed.astype(int)) <= 0)
 
 
+@pytest.mark.slow
 def test_ranks_and_partitions_make_no_difference(solved):
     options = {"loading": "nonmonotone", "element": "P2", "cells": 3, "steps": 2, "subdomains": "5"}
     one, two = solved(**options), solved(**options, np=2)

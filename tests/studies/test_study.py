@@ -307,6 +307,7 @@ def test_a_value_without_equilibrium_is_reported_and_the_others_kept(tmp_path):
     assert [row["converged"] for row in rows] == ["no", "yes"] and float(rows[1]["resultant_n"]) < 0
 
 
+@pytest.mark.slow
 def test_any_number_of_ranks_gives_the_same_bits(made):
     # more than one chain
     values = dict(scene="model", friction=f"0.2:0.3:{parametric.CHAIN + 2}", steps="2")
