@@ -192,6 +192,7 @@ for (int c = 0; c < 4; c += 3) {
 """
 
 
+@pytest.mark.slow
 def test_corners_of_an_obstacle_are_traced(tmp_path):
     """Short straight ends meet in them. In another box the curve is traced again."""
     rows = traced(tmp_path, "max(abs(x - 0.3), abs(y)) - 0.05", "-1., 1., -0.8, 1.6", AGAIN)
