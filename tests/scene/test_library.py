@@ -3,6 +3,7 @@
 import subprocess
 
 import numpy as np
+import pytest
 
 from driver import environment
 from driver.scene import declarations
