@@ -105,16 +105,21 @@ class FrictionQP:
         return self.bound * np.sqrt(self.operator.dot(unscaled, unscaled))
 
     def rounded(self, x: np.ndarray) -> float:
-        """What a product F x rounds off, in the same scale: 3 x, whose digits differ, shows it."""
-        return self.size(self.operator.apply(x) - self.operator.apply(3 * x) / 3)
+        """What a product F x rounds off, in the same scale."""
+        return self.size(self._rounding(x))
 
     def rounded_by_level(self, x: np.ndarray) -> np.ndarray:
         """(levels,) what a product F x rounds off at most on a row of every level; collective."""
         op = self.operator
-        off, largest = np.abs(op.apply(x) - op.apply(3 * x) / 3), np.zeros(op.levels)
-        np.maximum.at(largest, op.row_level, off)
+        largest = np.zeros(op.levels)
+        np.maximum.at(largest, op.row_level, np.abs(self._rounding(x)))
         op.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
         return largest
+
+    def _rounding(self, x: np.ndarray) -> np.ndarray:
+        """(owned,) what a product F x rounds off on every row: 3 x, whose digits differ, shows it.
+        """
+        return self.operator.apply(x) - self.operator.apply(3 * x) / 3
 
     def hides(self, x: np.ndarray) -> bool:
         """Whether what a product with the forces x rounds off is beyond the tolerance of a step."""

@@ -142,7 +142,8 @@ class Residuals:
         op, qp, scales = self.operator, self.qp, self.scales
         limits = self.rows.limits(op.owned, x)
         projected = projected_gradient(x, gradient, *limits)
-        scales.renew(pressing=self._size(x), forces=np.sqrt(op.dot(x, x)))
+        own = self._size(x)
+        scales.renew(pressing=own, forces=np.sqrt(op.dot(x, x)))
         if qp.preconditioner is None or scales.pressing == 0:
             return qp.size(projected) / (scales.d or 1.0)
         # with the rows that would leave their bounds
@@ -150,6 +151,6 @@ class Residuals:
         missing = qp.preconditioner(np.where(free, projected, 0.0), free)
         others = max(scales.forces, scales.largest.get("forces", 0.0), scales.d / qp.bound)
         whole = max(scales.pressing, FADED * others)
-        if not self._size(x):
+        if not own:
             whole = max(whole, scales.largest.get("pressing", 0.0))
         return self._size(missing) / whole
