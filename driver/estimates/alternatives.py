@@ -81,7 +81,7 @@ class Alternatives:
         kinds = [kind for kind in (own, self._other(own), self._refined(own)) if kind]
         everything = [run for runs in self.took.values() for run in runs]
         for kind in kinds:
-            kind.costs = Costs(self.run, self.took[kind.name], everything)
+            kind.costs = Costs(self.run, self.took[kind.name], self.took[own.name], everything)
         return kinds
 
     def _own(self) -> Uniform:
@@ -93,7 +93,7 @@ class Alternatives:
         size, element = self.manifest.parameters[self.knob], self.manifest.element
         self.took[element] = runs
         return Uniform(element, self.knob, [size, *(mesh[self.knob] for mesh in meshes[1:])],
-                       errors, self._unknowns(), self.mesh.rate,
+                       errors, [self._unknowns(**mesh) for mesh in meshes], self.mesh.rate,
                        words={} if element == "P1" else {"ELEMENT": element})
 
     def _other(self, own: Uniform) -> Uniform | None:
@@ -121,7 +121,7 @@ class Alternatives:
         for a, b in zip(values, values[1:]):
             errors.append(errors[-1] + abs(a - b))
         return Uniform(element, self.knob, sizes, errors,
-                       self._unknowns(**{self.knob: sizes[0]}, **changes),
+                       [self._unknowns(**{self.knob: size}, **changes) for size in sizes],
                        RATE, words={"ELEMENT": element})
 
     def _within(self, value: float, error: float | None, own: Uniform) -> float:
@@ -190,7 +190,7 @@ class Alternatives:
         words = {} if self.manifest.element == "P1" else {"ELEMENT": self.manifest.element}
         return [Adaptive("ADAPT", {self.knob.upper(): f"{float(size):g}", **words},
                          [errors[0]] * known + errors, [*unknowns, self._unknowns()],
-                         self.mesh.rate, Costs(self.run, [], []))]
+                         self.mesh.rate, Costs(self.run, [], [], []))]
 
     # ---- the other parts -------------------------------------------------------------------------
     def quantity(self, value: float) -> Quantity:

@@ -11,6 +11,8 @@ error     that of the run times (size over its size)^p, p the order that its bud
           the energy norm tells the error, which falls like one over the number of triangles
           (degree p: their p-th power) wherever the solution is singular
 time      likewise: every second and fourth time by their companions, more by its order
+unknowns  a polynomial of 1/size through those of the run and its companions: a scene may set the
+          sizes of elements along a line or in a part of the body alone
 seconds   a + b N^q by stage through what was measured at N unknowns, q below; the estimates' by
           what their companions would take
 memory    grows with N above what an idle process has
@@ -26,12 +28,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..text import aligned, assignments, words
-from .budget import finer, ratio, share
+from .budget import coarser, finer, ratio, share
 from .jumps import Jumps
 
 ASKED = (0.1, 0.03, 0.01, 0.003, 0.001)
 STEPS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128)  # times the run's
 MOST = 600_000  # unknowns, beyond which nothing is promised
+FARTHEST = 1e6  # times as fine as the run
 CYCLES = 8  # of adaptive refinement at most
 GROWTH = 4.0  # triangles of a cycle over those of the last one
 # powers of the unknowns by which seconds of the stages grow, above a constant
@@ -44,6 +47,9 @@ SHORTEST = 1e-4  # seconds that clocks tell from nothing
 # 2.5 s in all stages, 338,000 of quadratic ones 7.9 s), doubled; more where FreeFEM starts slowly
 UNKNOWN = 2e-5
 LEVELS = (0.5, 4.0)  # factors that one kind of mesh may have on the seconds of another
+# that an unknown takes in a step of the solution: in every step, and in the first one
+SOLVED = 1e-5, 2e-5
+LEAST = 0.1  # of the unknowns of a mesh grow with its fineness squared
 ROUGH = 0.6  # seconds of a refinement cycle's steps over those of a run: its tolerances are loose
 START = 0.1  # seconds that FreeFEM takes to start, where one mesh alone was measured
 STEP, ONCE = 0.01, 0.1  # seconds of output that a step and a run take on the smallest mesh ...
@@ -74,26 +80,30 @@ class Measured:
 class Costs:
     """Seconds of the stages of runs of one kind of mesh, from measured ones."""
 
-    def __init__(self, whole: Measured, runs: list[Measured], companions: list[Measured]):
-        """`whole`: the run; `runs` are those of the companions that are of the kind.
+    def __init__(self, whole: Measured, runs: list[Measured], alike: list[Measured],
+                 companions: list[Measured]):
+        """`whole`: the run; `runs`: companions of the kind, `alike`: of the run's own kind.
 
-        Companions are short: all of them tell how the seconds of a stage grow, those of the kind a
-        factor. What FreeFEM's stage of the run has taken beyond that is the same for all runs:
-        packages are read meanwhile.
+        Companions are short: all of them tell how the seconds of FreeFEM's stage grow, those of
+        the run's kind, which have about as many steps, how others do, those of the kind a factor.
+        What FreeFEM's stage of the run has taken beyond that is the same for all runs: packages
+        are read meanwhile.
         """
         self.stages, self.once = {}, 0.0
         exports = [seconds for _, seconds in _points(companions, "export")]
-        most = UNKNOWN * max(1.0, min(exports, default=START) / START)
+        slow = max(1.0, min(exports, default=START) / START)
+        dearest = {"solve": SOLVED[0] + SOLVED[1] / whole.steps}
         for stage, power in POWERS.items():
             points, own = _points(companions, stage), _points([whole], stage)
             if stage == "export" and points:
-                common = curve(points, power, most=most)
+                common = curve(points, power, most=slow * UNKNOWN)
                 self.once = max(0.0, own[0][1] - common(whole.unknowns))
             else:
                 grows = (DEAREST[0] + DEAREST[1] / whole.steps) * whole.unknowns
                 least = {"export": START, "output": max(
                     STEP + ONCE / whole.steps, own[0][1] - grows)}.get(stage, 0.0)
-                common = curve([*points, *own], power, least, most)
+                most = slow * dearest.get(stage, UNKNOWN)
+                common = curve([*_points(alike, stage), *own], power, least, most)
             self.stages[stage] = scaled(common, _points(runs, stage))
 
     def stage(self, name: str, unknowns: float, steps: int = 1) -> float:
@@ -104,11 +114,14 @@ class Costs:
         """Seconds of a run without error estimates."""
         return self.once + sum(self.stage(name, unknowns, steps) for name in POWERS)
 
-    def companions(self, unknowns: float, steps: int) -> float:
+    def companions(self, unknowns: float, steps: int, compared: bool = True) -> float:
         """What the companions of a run's budget take, relative to those of another run.
 
-        They are on meshes with a quarter and a sixteenth of its unknowns.
+        They are on meshes with a quarter and a sixteenth of its unknowns, or, where the mesh has
+        no coarser one to be compared with, on its own.
         """
+        if not compared:
+            return self.stage("solve", unknowns, 2 * steps)
         coarse, coarsest = unknowns / 4, unknowns / 16
         made = sum(self.stage(name, n) for name in ("export", "setup") for n in (coarse, coarsest))
         return made + self.stage("solve", coarse, 2 * steps) + self.stage("solve", coarsest, steps)
@@ -143,6 +156,23 @@ def curve(points: list[tuple[float, float]], power: float, least: float = 0.0,
     return lambda unknowns: constant + slope * (unknowns / size) ** power
 
 
+def growth(fineness: list[float], unknowns: list[float]) -> np.ndarray:
+    """Coefficients c2, c1, c0 >= 0 of the unknowns c2 f^2 + c1 f + c0 of meshes f times as fine.
+
+    They are those of the first mesh there and nearest to the others, relative to them. Uniform
+    elements in all of a body make c2, those along a line c1, those whose sizes the scene fixes c0.
+    At least LEAST of the first mesh grows with the square.
+    """
+    from scipy.optimize import nnls  # the front imports this module
+
+    f, n = np.array(fineness), np.array(unknowns)
+    terms = np.column_stack([f**2, f, np.ones(len(f))])[:, :len(f)]
+    powers = np.zeros(3)
+    powers[:len(f)] = nnls(terms / n[:, None], np.ones(len(f)))[0]
+    powers[0] = max(powers[0], LEAST * n[0])
+    return powers * (n[0] / powers.sum())
+
+
 def scaled(curve: Callable[[float], float],
            points: list[tuple[float, float]]) -> Callable[[float], float]:
     """A curve times the factor by which measured `points` (N, t) exceed it, in the geometric mean.
@@ -162,6 +192,7 @@ class Choice:
 
     settings: dict
     unknowns: tuple
+    compared: bool = True  # there are coarser meshes
 
 
 @dataclass
@@ -172,10 +203,18 @@ class Uniform:
     knob: str
     sizes: list  # that were run, finest first
     errors: list  # at these
-    unknowns: float  # at the finest
+    unknowns: list  # at these
     rate: float
     costs: Costs | None = None
     words: dict = field(default_factory=dict)  # further settings
+
+    def count(self, size: float) -> float:
+        """Unknowns at a size: those of the meshes that were run, else what they grow like."""
+        if size in self.sizes:
+            return self.unknowns[self.sizes.index(size)]
+        powers = growth([ratio(self.knob, self.sizes[0], each) for each in self.sizes],
+                        self.unknowns)
+        return float(np.polyval(powers, ratio(self.knob, self.sizes[0], size)))
 
     def meets(self, room: float) -> Choice | None:
         """The coarsest of the meshes whose error is at most `room`, None if out of reach."""
@@ -187,11 +226,13 @@ class Uniform:
                 size = known
         if size is None:
             factor = (error / room) ** (1 / max(self.rate, 0.05))
-            if not self.unknowns * factor**2 <= MOST:
+            if not factor < FARTHEST:
                 return None
             size = finer(self.knob, finest, factor)
-        unknowns = self.unknowns * ratio(self.knob, finest, size) ** 2
-        return Choice({self.knob.upper(): f"{float(size):g}", **self.words}, (unknowns,))
+        if not self.count(size) <= MOST:
+            return None
+        settings = {self.knob.upper(): f"{float(size):g}", **self.words}
+        return Choice(settings, (self.count(size),), coarser(self.knob, size) is not None)
 
 
 @dataclass
@@ -284,7 +325,8 @@ def price(kind: Uniform | Adaptive, quantity: Quantity, whole: Whole, asked: flo
         bare += sum(kind.costs.run(n, steps)
                     - (1 - ROUGH) * kind.costs.stage("solve", n, steps) for n in cycles)
         own = whole.costs.companions(whole.run.unknowns, whole.run.steps)
-        estimates = whole.estimates * kind.costs.companions(unknowns, steps) / own
+        made = kind.costs.companions(unknowns, steps, choice.compared)
+        estimates = whole.estimates * made / own
         entry = {"settings": choice.settings | settings,
                  "seconds": bare + estimates, "seconds_bare": bare,
                  "memory_mib": whole.memory_of(unknowns)}

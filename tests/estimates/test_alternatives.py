@@ -89,7 +89,7 @@ def test_the_own_kind_adds_up_distances_of_meshes_in_the_same_steps(meshes):
     steps = [apart(scene, {"h": a}, {"h": b}, 1) for a, b in zip(sizes, sizes[1:])]
     assert own.sizes == sizes and own.rate == 1.5 and own.words == {}
     assert own.errors == pytest.approx([0.25 + sum(steps[:k]) for k in range(meshes)])
-    assert own.unknowns == 2 * 3.0 / 0.5**2  # two displacements a node
+    assert own.unknowns == [2 * 3.0 / size**2 for size in sizes]  # two displacements a node
     # coarser meshes in all steps, the coarsest in every second one
     took = [Measured(2 * 3.0 / h**2, 12 // stride,
                      {"export": h, "setup": 0.25, "solve": 10.0 / stride})
@@ -111,7 +111,7 @@ def test_the_other_order_is_run_where_its_errors_are_alike(element, other, sizes
     assert kind.sizes == sizes and kind.words == {"ELEMENT": other} and kind.rate == RATE
     assert away - 1e-12 <= kind.errors[0] <= away + 0.01 + 1e-12
     assert kind.errors[1] - kind.errors[0] == pytest.approx(abs(values[0] - values[1]))
-    assert kind.unknowns == pytest.approx(2 * DENSITY[other] / sizes[0] ** 2)
+    assert kind.unknowns == pytest.approx([2 * DENSITY[other] / h**2 for h in sizes])
     assert of.took[other] == [Measured(2 * DENSITY[other] / h**2, 3, {
         "export": h, "setup": 0.25, "solve": 2.5}) for h in sizes]
     assert kinds[element].words == ({} if element == "P1" else {"ELEMENT": element})

@@ -22,7 +22,7 @@ def measured(unknowns, steps=10, stages=("export", "setup", "solve", "output")):
 
 
 COMPANIONS = [measured(n, 10, ("export", "setup", "solve")) for n in (1e3, 4e3)]
-COSTS = Costs(measured(1.6e4), COMPANIONS, COMPANIONS)
+COSTS = Costs(measured(1.6e4), COMPANIONS, COMPANIONS, COMPANIONS)
 
 
 def test_costs_of_a_machine_are_extrapolated():
@@ -38,7 +38,7 @@ def test_costs_of_a_machine_are_extrapolated():
 def test_another_kind_of_mesh_costs_a_factor():
     twice = [Measured(run.unknowns, 10, {k: 2 * v for k, v in run.seconds.items()})
              for run in COMPANIONS]
-    other = Costs(measured(1.6e4), twice, COMPANIONS)
+    other = Costs(measured(1.6e4), twice, COMPANIONS, COMPANIONS + twice)
     assert other.stage("solve", 1e5, 3) == pytest.approx(2 * COSTS.stage("solve", 1e5, 3))
 
 
@@ -57,12 +57,13 @@ def test_chance_of_small_runs_is_not_extrapolated():
     assert noisy(1000) == pytest.approx(0.3)
     busy = [Measured(n, 10, {"export": 0.4 + 1e-4 * n, "setup": 1e-4 * n, "solve": 0.1})
             for n in (250, 1000)]
-    slow = Costs(measured(4e3), busy, busy)
+    slow = Costs(measured(4e3), busy, busy, busy)
     # FreeFEM starts four times as slowly: an unknown may take so much more
     assert 2 * 2e-5 * 1e5 < slow.stage("export", 1e5) < 1e-4 * 1e5 + 0.5
 
 
-UNIFORM = Uniform("P1", "h", [0.1, 0.2, 0.4], [0.01, 0.03, 0.05], 1.6e4, 1.0, COSTS)
+UNIFORM = Uniform("P1", "h", [0.1, 0.2, 0.4], [0.01, 0.03, 0.05], [1.6e4, 4e3, 1e3], 1.0,
+                  COSTS)
 
 
 @pytest.mark.parametrize("room, size", [(0.06, 0.4), (0.04, 0.2), (0.01, 0.1), (0.005, 0.05)])
@@ -73,13 +74,51 @@ def test_meshes_are_those_that_were_run_or_finer_by_the_order(room, size):
 
 
 def test_a_coarse_mesh_that_is_right_by_chance_is_not_offered():
-    lucky = Uniform("P1", "h", [0.1, 0.2, 0.4], [0.01, 0.03, 0.001], 1.6e4, 1.0, COSTS)
+    lucky = Uniform("P1", "h", [0.1, 0.2, 0.4], [0.01, 0.03, 0.001],
+                    [1.6e4, 4e3, 1e3], 1.0, COSTS)
     assert lucky.meets(0.02).settings == {"H": "0.1"}
+
+
+@pytest.mark.parametrize("grows", [
+    lambda h: 199 / h**2,  # all of a body
+    lambda h: 199 / h**2 + 310,  # H leaves a part of the mesh alone
+    lambda h: 177 / h**2 + 518 / h,  # elements that grow with their distance from a line
+    lambda h: 2 * (10 / h + 1) ** 2])  # cells of a rectangle
+def test_unknowns_grow_as_those_of_the_run_and_its_companions_do(grows):
+    sizes = [1.6, 3.2, 6.4]
+    kind = Uniform("P1", "h", sizes, [0.1, 0.2, 0.3], [grows(h) for h in sizes], 1.0, COSTS)
+    assert kind.count(0.12) == pytest.approx(grows(0.12), rel=1e-6)
+    assert kind.count(3.2) == grows(3.2)
+
+
+def test_unknowns_of_any_mesh_grow_with_its_area_in_the_end():
+    """By one mesh alone, and where what was run does not grow."""
+    one = Uniform("P1", "h", [0.1], [0.01], [100.0], 1.0, COSTS)
+    flat = Uniform("P1", "h", [0.1, 0.2], [0.01, 0.02], [100.0, 100.0], 1.0, COSTS)
+    assert one.count(0.01) == pytest.approx(1e4)
+    assert flat.count(0.01) > 9e2 and flat.count(0.1) == 100.0
+
+
+def test_other_histories_tell_nothing_of_a_step():
+    """Companions of another kind with a fourth of the steps, most of which the first one takes."""
+    short = [Measured(n, 5, {"solve": 0.1 + cost(n, 5)["solve"], "setup": 0.02, "export": 0.2})
+             for n in (500, 2000)]
+    mixed = Costs(measured(1.6e4), COMPANIONS, COMPANIONS, COMPANIONS + short)
+    assert mixed.stage("solve", 1e5) == pytest.approx(COSTS.stage("solve", 1e5))
+
+
+def test_a_mesh_that_none_is_coarser_than_has_no_companions_on_others():
+    quantity = Quantity("slip", 1.0, 1, True, {1: 0.0}, 1.0, 0.0)
+    whole = Whole(measured(1.6e4, 1), 2.0, COSTS, 150.0, 90.0)
+    prices_of = [prices.price(Uniform("P2", "cells", [cells], [0.01], [1e3], 1.0, COSTS), quantity,
+                              whole, 0.03) for cells in (1, 2)]
+    alone, beside = (found["seconds"] - found["seconds_bare"] for found in prices_of)
+    assert alone < 0.2 * beside
 
 
 def test_what_is_out_of_reach_is_not_promised():
     assert UNIFORM.meets(1e-6) is None
-    slow = Uniform("P1", "h", [0.1], [0.01], 1.6e4, 0.05, COSTS)
+    slow = Uniform("P1", "h", [0.1], [0.01], [1.6e4], 0.05, COSTS)
     assert slow.meets(0.005) is None
 
 
@@ -95,7 +134,7 @@ def test_cycles_of_refinement_are_paid_before_the_run():
     quantity = Quantity("slip", 1.0, 10, False, {10: 0.0}, 1.0, 0.0)
     whole = Whole(measured(1.6e4), 2.0, COSTS, 150.0, 90.0)
     adaptive = Adaptive("ADAPT", {"H": "0.4"}, [0.05, 0.02], [4e3, 1.6e4], 1.0, COSTS)
-    uniform = Uniform("P1", "h", [0.1], [0.02], 1.6e4, 1.0, COSTS)
+    uniform = Uniform("P1", "h", [0.1], [0.02], [1.6e4], 1.0, COSTS)
     one, two = (prices.price(kind, quantity, whole, 0.03) for kind in (uniform, adaptive))
     cycle = COSTS.run(4e3, 10)
     assert one["seconds_bare"] + 0.5 * cycle < two["seconds_bare"] < one["seconds_bare"] + cycle
