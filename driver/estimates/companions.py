@@ -155,7 +155,12 @@ class Companions:
         stride = self.coarse_stride
         if len(self.meshes) > 2:
             runs.append([self._values(mesh, stride) for mesh in self.meshes[1:]])
-        good = _whole(runs)
+        solved = _whole(runs)
+        good = unresolved.alike(solved)
+        if len(good) < len(solved):
+            other = " ".join(name_of(*pair) for pair in self.meshes[len(good) + 1].items())
+            self.notes.append(f"companion {other}: forces or displacements are twice those of the "
+                              "finer mesh, or more: on so coarse a mesh it is another problem")
         touches = [self.caution.touch, *(self.level(mesh, each).touch for mesh, each, _ in zip(
             self.meshes[1:], (1, stride), good))]
         parts = self.caution.parts(self.values, good, self.ratios, self.singular, touches)
@@ -164,7 +169,7 @@ class Companions:
         if unseen and self.meshes[0] != self.base:
             # that of a support: no mesh tells when a place between the supports moves by more
             parts["displacement"] = Part(UNSEEN * value)
-        return parts | self.unresolved
+        return unresolved.known(parts, self.unresolved, self.values, self.caution.touch)
 
     def _time(self) -> dict[str, Part]:
         """Every second and fourth time; without friction only the instant counts.

@@ -1,15 +1,19 @@
 """Which errors a mesh that does not resolve the solution leaves unknown."""
 
 from ..results.touch import Touch
-from .budget import Part
+from .budget import Part, share
+from .caution import by_balance
 
 COARSE = 0.5  # relative error in energy from which coarser meshes tell nothing of a finer one
 FEWEST = {"P1": 5}  # nodes in contact below which they tell nothing of it: four sides ...
 QUADRATIC = 7  # ... or three, of quadratic elements
+LONE = 0.1  # of the pressing force in areas of contact of a node or two: it acts where a node is
+APART = 1.0  # change of a quantity to the next mesh over the quantity itself, of another problem
 PRESSING = 3  # the same on a round boundary, for resultants too: one has but one normal
 BLIND = 0.25  # smoothed stresses' error in energy over its bound; that is 2.6 times the true one
 # at most in the tests, so that two thirds of the error are all that they see
 OF_BODIES = ("normal_resultant", "tangential_resultant", "displacement")
+ALIKE = ("normal_resultant", "displacement")  # of meshes of the same problem
 
 
 def energy_error(energy: dict | None) -> float:
@@ -34,14 +38,18 @@ def parts(values: dict, error: float, touch: Touch, element: str, adjoint: bool,
 
     Where contact opens and slips between its few nodes coarser meshes may agree by chance; of
     displacements and resultants `adjoint` problems see the whole body's error if there are any,
-    but of a round boundary a node or two that carry all have one direction. `error`: of
-    energy_error; `unseen`: these problems are blind.
+    but of a round boundary a node or two that carry all have one direction, and where areas of
+    contact have no more nodes their force acts at a node. `error`: of energy_error; `unseen`: these
+    problems are blind.
     """
     reason, spared = "", OF_BODIES if adjoint else ()
     if error > COARSE:
         reason = f"its error in the energy norm is {100 * error:.0f} %"
     if 0 < touch.nodes < FEWEST.get(element, QUADRATIC):
         reason = f"{touch.nodes} nodes are in contact"
+    if touch.lone > LONE:
+        reason = f"areas of contact of a node or two carry {share(touch.lone, 1.0)} of the force"
+        spared = OF_BODIES[-1:] if adjoint else ()
     if 0 < touch.round < PRESSING:
         reason = "a node or two of a round boundary carry all"
         spared = OF_BODIES[-1:] if adjoint else ()
@@ -49,3 +57,26 @@ def parts(values: dict, error: float, touch: Touch, element: str, adjoint: bool,
         reason, spared = "smoothed stresses miss most of its error in energy", OF_BODIES[-1:]
     names = [name for name in values if reason and name not in spared]
     return dict.fromkeys(names, Part(None, note=f"the mesh is too coarse: {reason}"))
+
+
+def alike(runs: list) -> list:
+    """Pairs of the values of finer and coarser runs, up to a mesh that makes another problem.
+
+    Such are polygons that overlap where circles have play: one of its ALIKE quantities changes by
+    more than the finer mesh has of it.
+    """
+    def same(fine, coarse):
+        return all(abs(coarse[name] - fine[name]) <= APART * abs(fine[name])
+                   for name in ALIKE if name in fine)
+
+    return runs[: next((k for k, pair in enumerate(runs) if not same(*pair)), len(runs))]
+
+
+def known(found: dict[str, Part], unknown: dict[str, Part], values: dict,
+          touch: Touch) -> dict[str, Part]:
+    """The parts `found`, but those that are `unknown`; resultants that the loads give stay.
+
+    They give them where all that presses has one normal. `values` of the run.
+    """
+    given = by_balance(values, found) if touch.flat else set()
+    return found | {name: part for name, part in unknown.items() if name not in given}

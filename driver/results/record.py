@@ -109,7 +109,9 @@ class Record:
         """How the nodes touch in a step; without contact they do not."""
         if not self.effects.contact:
             return Touch(open={})
-        return Touch.of(*self._columns(), index, self._pressing_round(index))
+        normals = self.contact.boundary.normal[self.states["sigma_n"][index] < 0]
+        flat = not len(normals) or np.ptp(normals, axis=0).max() <= ROUND
+        return Touch.of(*self._columns(), index, self._pressing_round(index), bool(flat))
 
     def _pressing_round(self, index: int) -> int:
         """How many nodes press in a step, if some belong to a boundary whose normal varies."""

@@ -10,6 +10,7 @@ from .quantities import beyond_ends, chains, farthest_node, is_ring, moves
 FEW = 6  # nodes in contact, among which the next may differ by all of a quantity's error
 EDGE = 0.3  # of an edge in which contact ends: what is open of the place
 FALLS = 0.6  # pressure at an end of the boundary over the next: below it contact may end before
+AREA = 3  # nodes that press side by side and tell where the force of an area of contact acts
 ONE_WAY = 0.9  # of all friction, if it has one direction
 
 
@@ -18,7 +19,9 @@ class Touch:
     """Contact in a step, as far as errors of quantities depend on it."""
 
     nodes: int = 0  # that touch
+    lone: float = 0.0  # part of the pressing force in areas of fewer than AREA nodes
     round: int = 0  # how many press, if some of them belong to a boundary whose normals vary
+    flat: bool = True  # all that press have one normal
     dragged: bool = False  # all that touch slide, and one way
     open: dict = None  # what nodes leave open by quantity
     pressure: np.ndarray = field(default_factory=lambda: np.zeros(0))  # of those that touch
@@ -31,8 +34,8 @@ class Touch:
     edges: float = 0.0  # length of the element sides in which contact ends
 
     @classmethod
-    def of(cls, nodes: dict, steps: dict, index: int, pressing_round: int) -> "Touch":
-        """`nodes` and `steps` as of quantities.py."""
+    def of(cls, nodes: dict, steps: dict, index: int, pressing_round: int, flat: bool = True) -> "Touch":
+        """`nodes` and `steps` as of quantities.py; `pressing_round`, `flat` as above."""
         closed = steps["status"][index] != OPEN
         sliding = (steps["status"][index] == SLIP)[closed].all()
         force = steps["sigma_t"][index] * nodes["weight"]
@@ -46,7 +49,8 @@ class Touch:
         gap = steps["gap"][index] if "gap" in steps else nodes["gap"]
         opening = gap - steps["u_n"][index]
         apart = opening.min(initial=np.inf, where=not closed.any())
-        return cls(int(closed.sum()), pressing_round, bool(sliding and one_way),
+        pressing = pressure.clip(0) * nodes["weight"]
+        return cls(int(closed.sum()), _lone(nodes, pressing), pressing_round, flat, bool(sliding and one_way),
                    between_nodes(nodes, steps, index), pressure[closed], length,
                    np.column_stack([nodes["xy"][ends], pressure[ends] / (mean or 1.0)]),
                    float(apart), np.column_stack([opening, whole])[~closed],
@@ -63,6 +67,18 @@ class Touch:
         """
         opening, length = self.beside.T
         return float(length[opening < way].sum() + self.lighter(part) + self.edges)
+
+
+def _lone(nodes: dict, force: np.ndarray) -> float:
+    """Part of the pressing nodal forces in areas of contact of fewer than AREA nodes."""
+    lone = 0.0
+    for piece in chains(nodes):
+        own = force[piece]
+        if is_ring(nodes, piece) and not own.all():
+            own = np.roll(own, -int(np.argmin(own)))
+        areas = np.split(own, np.flatnonzero(own == 0))
+        lone += sum(area.sum() for area in areas if np.count_nonzero(area) < AREA)
+    return float(lone / (force.sum() or 1.0))
 
 
 def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:

@@ -228,10 +228,11 @@ class Search:
         error, last = unresolved.energy_error(energy), finest.at == self.steps - 1
         caution = Caution.of(problem, touches[0], adjoints, error,
                              polygons=stand_for_curves(problem))
-        self.parts["mesh"] = caution.parts(
-            runs[0], list(zip(runs, runs[1:])), ratios, finest.singular, touches
-        ) | unresolved.parts(runs[0], error, touches[0], problem.manifest.element, bool(adjoints),
-                             last and unresolved.blind(energy, smoothed))
+        found = caution.parts(runs[0], unresolved.alike(list(zip(runs, runs[1:]))), ratios,
+                              finest.singular, touches)
+        unknown = unresolved.parts(runs[0], error, touches[0], problem.manifest.element,
+                                   bool(adjoints), last and unresolved.blind(energy, smoothed))
+        self.parts["mesh"] = unresolved.known(found, unknown, runs[0], touches[0])
         return self.budget()[self.name]
 
     def _adjoint(self, problem, level) -> tuple[dict, float | None]:

@@ -158,19 +158,23 @@ def references(case: Case, out: Path) -> tuple[dict, dict]:
 
 
 def of_any(scene: str, out: Path) -> Case:
-    """The case of a scene that is not in the table: by its own mesh size.
+    """The case of a scene that is not in the table: by its own mesh size and steps.
 
-    Raises InputError if there is no such scene or no parameter (CELLS, H) sets its mesh size.
+    References have three and six times the steps, of which some end wherever histories turn at a
+    half, a third or a quarter. Raises InputError if there is no such scene or no parameter (CELLS, H) sets its mesh size.
     """
     freefem.find_scene(scene)
-    given = summary_of(Case(scene, (), ()), {"errors": "no"}, out).get("parameters", {})
+    summary = summary_of(Case(scene, (), ()), {"errors": "no"}, out)
+    given, steps = summary.get("parameters", {}), summary.get("steps", 1)
     knob = mesh_knob(given)
     if knob is None:
         raise InputError(f"{scene}: no parameter (CELLS, H) sets the mesh size of this scene")
     coarse = coarser(knob, given[knob]) or given[knob]
     fine = [finer(knob, given[knob], factor) for factor in (2, 3)]  # linear ones err too long
+    references = [{knob: size, "element": "P2", **({"steps": more * steps} if steps > 1 else {})}
+                  for size, more in zip(fine, (3, 6))]
     return Case(scene, ({knob: given[knob]}, {knob: coarse}, {knob: coarse, "element": "P2"}),
-                _by(knob, *fine, element="P2"))
+                tuple(references))
 
 
 def of_each(scenes, scene: str | None, out: Path) -> list[Case]:
