@@ -136,8 +136,8 @@ def curve(points: list[tuple[float, float]], power: float, least: float = 0.0,
           most: float = math.inf) -> Callable[[float], float]:
     """N -> a + b N^power, a and b >= 0, nearest to the `points` (N, t), relative to t.
 
-    A single point leaves the constant open: it is `least`, but MOSTLY of the point at most. It is
-    half of the largest where there is no growth yet. No unknown of the largest point takes more
+    A single point leaves the constant open: it is `least`. It is MOSTLY of the largest point at
+    most: where there is no growth yet, there will be. No unknown of the largest point takes more
     than `most`: what small runs seem to take beyond is chance and goes to the constant.
     """
     from scipy.optimize import nnls  # the front imports this module
@@ -149,8 +149,8 @@ def curve(points: list[tuple[float, float]], power: float, least: float = 0.0,
     else:
         constant = min(least, MOSTLY * t[0])
         slope = t[0] - constant
-    if slope == 0:
-        constant = slope = t[n.argmax()] / 2
+    if slope < (1 - MOSTLY) * t[n.argmax()]:
+        constant, slope = MOSTLY * t[n.argmax()], (1 - MOSTLY) * t[n.argmax()]
     if slope > most * size:
         constant, slope = max(constant, t[n.argmax()] - most * size), most * size
     return lambda unknowns: constant + slope * (unknowns / size) ** power
