@@ -6,7 +6,7 @@
    for any friction coefficient. It may fail for bodies without support and contact that pulls: then
    branch and bound over all states, which may prove that there is no solution, friction that grows
    from less, states that violate the law less and less, and one mixed-integer program for all
-   states. Where slip changes friction, a solution with given coefficients is the start for that
+   states; of more nodes than MOST_NODES those that touch or nearly do (few_nodes.py). Where slip changes friction, a solution with given coefficients is the start for that
    with those of its own slip.
 
 Smaller steps are not among them: a time step has a solution whatever its size.
@@ -20,6 +20,7 @@ from ..qp import complementarity
 from ..qp.branching import MOST_NODES, search_states
 from ..qp.continuation import with_growing_friction
 from ..qp.coulomb import CoulombProblem
+from ..qp.few_nodes import solution_among
 from ..qp.integer import solution_within_limits
 
 ANDERSON = "Anderson acceleration"
@@ -66,7 +67,7 @@ def solve_condensed(problem: CoulombProblem, start: np.ndarray) -> tuple[np.ndar
         if z is not None:
             return z, method
     if problem.n > MOST_NODES:
-        return None, ""
+        return solution_among(problem, start, MOST_NODES, solve_condensed)
     found = search_states(problem)
     if found.solution is not None:
         return found.solution, SEARCH
