@@ -34,7 +34,8 @@ class Touch:
     edges: float = 0.0  # length of the element sides in which contact ends
 
     @classmethod
-    def of(cls, nodes: dict, steps: dict, index: int, pressing_round: int, flat: bool = True) -> "Touch":
+    def of(cls, nodes: dict, steps: dict, index: int, pressing_round: int,
+           flat: bool = True) -> "Touch":
         """`nodes` and `steps` as of quantities.py; `pressing_round`, `flat` as above."""
         closed = steps["status"][index] != OPEN
         sliding = (steps["status"][index] == SLIP)[closed].all()
