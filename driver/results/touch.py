@@ -51,8 +51,9 @@ class Touch:
         opening = gap - steps["u_n"][index]
         apart = opening.min(initial=np.inf, where=not closed.any())
         pressing = pressure.clip(0) * nodes["weight"]
-        return cls(int(closed.sum()), _lone(nodes, pressing), pressing_round, flat, bool(sliding and one_way),
-                   between_nodes(nodes, steps, index), pressure[closed], length,
+        return cls(int(closed.sum()), _lone(nodes, pressing), pressing_round, flat,
+                   bool(sliding and one_way), between_nodes(nodes, steps, index),
+                   pressure[closed], length,
                    np.column_stack([nodes["xy"][ends], pressure[ends] / (mean or 1.0)]),
                    float(apart), np.column_stack([opening, whole])[~closed],
                    sum(_sides(nodes, piece, closed[piece]) for piece in chains(nodes)))
