@@ -51,13 +51,11 @@ class ContactBlock:
     def _local_parts(self, operator, preconditioner) -> list[dict]:
         """Contact rows, corners and matrices of every subdomain with contact, in their order."""
         structure = operator.structure
-        parts = [None] * len(structure.subdomains)
+        parts, touching = [None] * len(structure.subdomains), set(structure.touching)
         for c, schur in zip(operator.classes, preconditioner.schur):
-            for s in c.members:
+            for s in touching.intersection(c.members):
                 rows = structure.rows[s]
                 here = np.flatnonzero(structure.at_contact.has(rows.row))
-                if not len(here):
-                    continue
                 sign, scaling = rows.sign[here], rows.scaling[here]
                 parts[s] = {"row": rows.row[here], "corner": structure.corner_global[s],
                             "F": c.F[np.ix_(here, here)] * np.outer(sign, sign),
