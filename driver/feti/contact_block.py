@@ -82,6 +82,13 @@ class ContactBlock:
         """(n,) all contact rows of a dual vector (or mask), on every rank."""
         return self._all(np.asarray(x[self._owned], float))
 
+    def gathered(self, *vectors: np.ndarray) -> np.ndarray:
+        """(k, n) the same of k dual vectors or masks, in one message."""
+        parts = np.empty((len(vectors), len(self._owned)))
+        for part, x in zip(parts, vectors):
+            part[:] = x[self._owned]
+        return self._all.rows(parts)
+
     def scatter(self, values: np.ndarray, x: np.ndarray) -> np.ndarray:
         """A copy of the dual vector `x` with the contact rows `values` (n,)."""
         result = x.copy()
