@@ -157,22 +157,23 @@ class LeastDeformation:
         xy = joined((structure.subdomains[s].xy[d // 2] for s, d in zip(members, dofs)), float, 2)
         away = (xy - self.bodies.center[self._body]) / self.bodies.size[self._body, None]
         across = joined(dofs, int) % 2 == 1
-        self._R = np.column_stack([~across, across, np.where(across, away[:, 0], -away[:, 1])])
-        self._R = self._R * self.bodies.possible * self._at_vertices[:, None]
-        self._count = self._sums(self._at_vertices[:, None] * 1.0)
-        gram = self._sums((self._R[:, :, None] * self._R[:, None, :]).reshape(-1, 9))
+        motions = np.array([~across, across, np.where(across, away[:, 0], -away[:, 1])])
+        self._R = motions * self.bodies.possible[:, None] * self._at_vertices  # (3, corner dofs)
+        self._count = self._sums(self._at_vertices[None] * 1.0)[:, 0]
+        gram = self._sums((self._R[:, None] * self._R).reshape(9, -1))
         self._inverse = np.linalg.pinv(gram.reshape(-1, 3, 3), hermitian=True)
 
     def __call__(self, corner: np.ndarray) -> float:
         """The bound for displacements of the rank's stacked corner dofs."""
-        factors = (self._inverse @ self._sums(self._R * corner[:, None])[:, :, None])[:, :, 0]
-        deformed = self._at_vertices * corner - (self._R * factors[self._body]).sum(axis=1)
-        mean = self._sums(deformed[:, None]**2) / np.maximum(self._count, 1)
+        factors = (self._inverse @ self._sums(self._R * corner)[:, :, None])[:, :, 0]
+        along, across, turning = self._R * factors.T[:, self._body]
+        deformed = self._at_vertices * corner - (along + across + turning)
+        mean = self._sums(deformed[None]**2)[:, 0] / np.maximum(self._count, 1)
         return float(np.sqrt(mean.max(initial=0.0)))
 
     def _sums(self, values: np.ndarray) -> np.ndarray:
-        """(bodies, k) sums of `values` (corner dofs, k)."""
-        parts = np.column_stack([np.bincount(self._local, v, self._subdomains) for v in values.T])
+        """(bodies, k) sums of `values` (k, corner dofs)."""
+        parts = np.column_stack([np.bincount(self._local, v, self._subdomains) for v in values])
         return _by_body(parts, self.bodies, self.comm)
 
 
