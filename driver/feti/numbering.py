@@ -350,9 +350,9 @@ class _Numbering:
     def _pair_rows(self, sub, held, direction, rows, order):
         """Rows between two bodies, or of several nodes: terms at vertices that this subdomain owns.
 
-        `order` sorts the subdomain's vertices by gid. The preconditioner knows a row by the stiffness of the side with the contact nodes alone, as
-        the other side's rows depend on one another where its mesh is coarser, and weighs it with
-        what both have in series.
+        `order` sorts the subdomain's vertices by gid. The preconditioner knows a row by the
+        stiffness of the side with the contact nodes alone, as the other side's rows depend on one
+        another where its mesh is coarser, and weighs it with what both have in series.
         """
         c = self.contact
         position, inside = lookup(sub.node_gid[order], c.term_gid)

@@ -147,7 +147,7 @@ class LeastDeformation:
         members = [s for c in classes for s in c.members]  # as the coarse problem stacks them
         dofs = [structure.corner_dofs[s] for s in members]
         known = {id(sub.elements): sub for sub in structure.subdomains}
-        vertices = {key: _vertices(sub) for key, sub in known.items()}  # of meshes, which are shared
+        vertices = {key: _vertices(sub) for key, sub in known.items()}  # by mesh
         self._at_vertices = joined(
             (vertices[id(structure.subdomains[s].elements)][d // 2] for s, d in zip(members, dofs)),
             bool)

@@ -18,8 +18,8 @@ Notation, with g = Ax - b and componentwise definitions:
     reduced free grad. phi~ = (x - P(x - abar phi)) / abar,   abar = alpha_factor / norm_bound
 
 SPMD.  Every 1-D array is the local part of a distributed vector, and the only communication are
-the callables ``dot``, ``dots`` and ``minimum``; every decision is taken on what they returned.  If they give
-the same float to all ranks, all ranks take the same branches.  Local parts may be empty.
+the callables ``dot``, ``dots`` and ``minimum``; every decision is taken on what they returned.  If
+they give the same float to all ranks, all ranks take the same branches.  Local parts may be empty.
 
 One module because the steps share one state, of which x and g always belong together, and each
 decision is argued beside it.

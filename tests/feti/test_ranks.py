@@ -35,11 +35,12 @@ def test_parts_are_joined_in_the_order_of_ranks():
 
 def test_several_arrays_travel_in_one_message():
     """(k, length) parts of every rank, of which one has none, in the order of ranks."""
-    parts = [np.array([[1.0, 2], [10, 20]]), np.empty((2, 0)), np.array([[3.0, 4, 5], [30, 40, 50]])]
+    parts = [np.array([[1.0, 2], [10, 20]]), np.empty((2, 0)),
+             np.array([[3.0, 4, 5], [30, 40, 50]])]
     sent = []
 
-    def allgatherv(part, into):
-        sent.append(part)
+    def allgatherv(own, into):
+        sent.append(own)
         whole, (counts, places) = into
         for part, count, place in zip(parts, counts, places):
             whole[place : place + count] = part.ravel()
