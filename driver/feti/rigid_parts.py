@@ -50,7 +50,6 @@ class RigidParts:
         xy = joined((sub.xy for sub in self.structure.subdomains), float, 2)
         return (xy - self.bodies.center[self._body]) / self.bodies.size[self._body, None]
 
-    @cached_property
     def _triangles(self) -> tuple[np.ndarray, np.ndarray]:
         """Nodes (t, k) and areas (t,) of the rank's triangles; it has some."""
         subs = self.structure.subdomains
@@ -63,7 +62,7 @@ class RigidParts:
         """(nodes,) areas by the corners of triangles, zero at nodes between them, and moments."""
         if not self.structure.subdomains:
             return np.zeros(0), np.zeros((0, 2))
-        nodes, area = self._triangles
+        nodes, area = self._triangles()
         mass = np.bincount(nodes[:, :3].ravel(), np.repeat(area / 3, 3), self._starts[-1])
         return mass, mass[:, None] * self._away
 
@@ -73,7 +72,7 @@ class RigidParts:
         count = self._starts[-1]
         mass, moment = np.zeros(count), np.zeros((count, 2))
         if count:
-            nodes, area = self._triangles
+            nodes, area = self._triangles()
             shape = elements.shapes(nodes.shape[1], elements.POINTS)
             unit = (shape.T * elements.WEIGHTS) @ shape  # exact for products of quadratics
             mass += np.bincount(nodes.ravel(), np.outer(area, unit.sum(axis=1)).ravel(), count)
