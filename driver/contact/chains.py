@@ -59,8 +59,8 @@ def chains(nodes: Nodes, skeleton) -> Chains:
             own = plain
             if corner[piece].any():
                 own, sequence = sequence, sequence + 1
-            steps = map(np.linalg.norm, np.diff(nodes.xy[piece], axis=0))
-            number[piece], arc[piece] = own, np.cumsum([start, *steps])
+            steps = np.linalg.norm(np.diff(nodes.xy[piece], axis=0), axis=1)
+            number[piece], arc[piece] = own, np.cumsum(np.append(start, steps))
             start = arc[piece[-1]]
     return Chains(arc, number, np.lexsort((arc, number)), np.array(ends, int).reshape(-1, 2),
                   np.array(middles, int))

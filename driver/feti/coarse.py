@@ -106,8 +106,7 @@ class CoarseProblem:
         places = [(sub.xy.min(axis=0) + sub.xy.max(axis=0)) / 2 for sub in subs]
         group, depth = grouped(np.array(places).reshape(-1, 2), self.comm)
         kept, pins = np.zeros((2, self.dofs), bool)
-        near = [s for s, rows in enumerate(structure.rows)
-                if s in structure.renewed or structure.at_contact.has(rows.row).any()]
+        near = sorted({*structure.renewed, *structure.touching})
         kept[gather(self.comm, joined((corners[s] for s in near), int))] = True
         pins[self._pins] = True
         self._numbers, self._count = joined(corners, int), len(subs)

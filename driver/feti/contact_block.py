@@ -19,6 +19,8 @@ from .gathering import Gathering, joined
 from .operator import DualOperator
 
 FULL = 0.2  # share of entries from which a matrix is kept dense
+RENEWED = 0.3  # share of hats from which all of them are formed anew
+FEW = 100  # hats: below that all of them take no longer
 
 
 class ContactBlock:
@@ -51,13 +53,11 @@ class ContactBlock:
     def _local_parts(self, operator, preconditioner) -> list[dict]:
         """Contact rows, corners and matrices of every subdomain with contact, in their order."""
         structure = operator.structure
-        parts = [None] * len(structure.subdomains)
+        parts, touching = [None] * len(structure.subdomains), set(structure.touching)
         for c, schur in zip(operator.classes, preconditioner.schur):
-            for s in c.members:
+            for s in touching.intersection(c.members):
                 rows = structure.rows[s]
                 here = np.flatnonzero(structure.at_contact.has(rows.row))
-                if not len(here):
-                    continue
                 sign, scaling = rows.sign[here], rows.scaling[here]
                 parts[s] = {"row": rows.row[here], "corner": structure.corner_global[s],
                             "F": c.F[np.ix_(here, here)] * np.outer(sign, sign),
@@ -83,6 +83,13 @@ class ContactBlock:
     def gather(self, x: np.ndarray) -> np.ndarray:
         """(n,) all contact rows of a dual vector (or mask), on every rank."""
         return self._all(np.asarray(x[self._owned], float))
+
+    def gathered(self, *vectors: np.ndarray) -> np.ndarray:
+        """(k, n) the same of k dual vectors or masks, in one message."""
+        parts = np.empty((len(vectors), len(self._owned)))
+        for part, x in zip(parts, vectors):
+            part[:] = x[self._owned]
+        return self._all.rows(parts)
 
     def scatter(self, values: np.ndarray, x: np.ndarray) -> np.ndarray:
         """A copy of the dual vector `x` with the contact rows `values` (n,)."""
@@ -124,20 +131,44 @@ class Galerkin:
         cell, self._slot = np.unique((to * corners + A.col[self._A.entry][:, None]).T.ravel(),
                                      return_inverse=True)
         first = np.searchsorted(cell, np.arange(k + 1) * corners)
-        entries = np.empty(len(cell)), cell % corners, first
+        entries = np.full(len(cell), np.nan), cell % corners, first
         self._coupling = csr_matrix(entries, shape=(k, len(self.G)))  # W'A
+        self._hat = np.repeat(np.arange(k), np.diff(first))
+        self._moved = np.zeros((len(self.G), k))  # G A'W
+        self._through = np.zeros((k, k))  # W'A G A'W
 
     def __call__(self, W: np.ndarray) -> np.ndarray:
         """`W` (n, 2) are the entries."""
         local = self._local(W)
-        W, k, T = np.ascontiguousarray(W.T), self.size, self._coupling
-        T.data = np.bincount(self._slot, self._A(W).ravel(), minlength=len(T.data))
-        coarse = T @ (T @ self.G).T
+        W, k = np.ascontiguousarray(W.T), self.size
+        coupling = np.bincount(self._slot, self._A(W).ravel(), minlength=len(self._hat))
+        self._through_corners(coupling.astype(float, copy=False))
         if self.block.softness is not None:
             products = self.block.softness[:, None, None] * W.T[:, :, None] * W.T[:, None, :]
             local += np.bincount(self._own.ravel(), products.ravel(),
                                  minlength=k * k).reshape(k, k)
-        return local + (coarse + coarse.T) / 2
+        return local + self._through
+
+    def _through_corners(self, coupling: np.ndarray) -> None:
+        """Renew W'A G A'W for the entries `coupling` of W'A.
+
+        From one face to the next few hats change: their rows and columns alone are formed anew,
+        with the sums of a product of all of them, so that the bits tell nothing of faces before.
+        """
+        T = self._coupling
+        changed = np.unique(self._hat[coupling != T.data])
+        T.data = coupling
+        if len(changed) > RENEWED * self.size or self.size < FEW:
+            self._moved = np.ascontiguousarray((T @ self.G).T)
+            through = T @ self._moved
+            self._through = (through + through.T) / 2
+        elif len(changed):
+            rows = _rows(T, changed)
+            moved = np.ascontiguousarray((rows @ self.G).T)
+            self._moved[:, changed] = moved
+            through = (rows @ self._moved + (T @ moved).T) / 2
+            self._through[changed] = through
+            self._through[:, changed] = through.T
 
     def _local(self, W: np.ndarray) -> np.ndarray:
         """W' L W (k, k) for W (n, 2)."""
@@ -150,6 +181,15 @@ class Galerkin:
         products = self._L(W)[:, None] * np.take(W, self._row, axis=1)
         local = np.bincount(self._cell, products.ravel(), minlength=k * k).reshape(k, k)
         return local.astype(float, copy=False)  # whole numbers where there is none to add
+
+
+def _rows(matrix: csr_matrix, rows: np.ndarray) -> csr_matrix:
+    """matrix[rows], which takes longer."""
+    first, count = matrix.indptr[rows], np.diff(matrix.indptr)[rows]
+    starts = np.append(0, np.cumsum(count))
+    entry = np.arange(starts[-1]) + np.repeat(first - starts[:-1], count)
+    return csr_matrix((matrix.data[entry], matrix.indices[entry], starts),
+                      shape=(len(rows), matrix.shape[1]))
 
 
 class _Sums:

@@ -219,12 +219,13 @@ class DeflatedPreconditioner:
     def __call__(self, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
         """The preconditioned residual on the face `free`, zero elsewhere; dual vectors."""
         block, z = self.deflation.block, None
-        on_face = block.gather(free) > 0
+        on_face, contact = block.gathered(free, residual)
+        on_face = on_face > 0
 
         def dirichlet(contact: np.ndarray) -> np.ndarray:
             nonlocal z
             z = self.dirichlet(block.scatter(contact, residual), free)
             return block.gather(z)
 
-        contact = np.where(on_face, block.gather(residual), 0.0)
+        contact = np.where(on_face, contact, 0.0)
         return block.scatter(self.deflation.face(on_face).deflate(contact, dirichlet), z)

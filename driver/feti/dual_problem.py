@@ -53,6 +53,10 @@ class DualProblem(ABC):
     def dot(self, a: np.ndarray, b: np.ndarray) -> float:
         """Global scalar product of two dual vectors; collective."""
 
+    def dots(self, *pairs: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+        """(k,) those of k pairs, to the last bit, at once where that is cheaper; collective."""
+        return np.array([self.dot(a, b) for a, b in pairs])
+
     def minimum(self, value: float) -> float:
         """The smallest of the ranks' numbers; collective."""
         return self.comm.allreduce(value, op=MPI.MIN) if self.comm.size > 1 else value

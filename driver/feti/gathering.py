@@ -21,6 +21,17 @@ class Gathering:
         self.comm.Allgatherv(part, (everyone, self._layout))
         return everyone
 
+    def rows(self, parts: np.ndarray) -> np.ndarray:
+        """(k, size) of k parts (k, length) in one message."""
+        if self.comm.size == 1:
+            return parts
+        (counts, starts), k = self._layout, len(parts)
+        everyone = np.empty(k * self.size)
+        layout = [k * count for count in counts], [k * start for start in starts]
+        self.comm.Allgatherv(np.ascontiguousarray(parts), (everyone, layout))
+        return np.concatenate([everyone[k * start : k * (start + count)].reshape(k, count)
+                               for count, start in zip(counts, starts)], axis=1)
+
 
 def joined(arrays, kind, *width: int) -> np.ndarray:
     """Concatenation of arrays (n, *width) to one of type `kind`, also for ranks that have none."""

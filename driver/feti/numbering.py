@@ -215,7 +215,9 @@ def _acts(contact, direction: np.ndarray, fixed_keys) -> np.ndarray:
 
 
 def _widen(array: np.ndarray, width: int) -> np.ndarray:
-    """(m, width): `array` with columns of zeros added."""
+    """(m, width): `array` with columns of zeros added, if any."""
+    if array.shape[1] == width:
+        return array
     return np.column_stack([array, np.zeros((len(array), width - array.shape[1]), array.dtype)])
 
 
@@ -312,22 +314,24 @@ class _Numbering:
         held = np.zeros(sub.dofs, bool)
         held[fixed] = True
         pieces = [tuple(getattr(glued, field.name) for field in fields(glued))]
+        order, coupled = np.argsort(sub.node_gid), self.coupled.any()
+        place, inside = lookup(sub.node_gid[order], self.contact.gid)
+        nodes = np.flatnonzero(inside & ~self.coupled)
+        vertex = order[place[nodes]]
         for direction, rows in ((self.contact.normal, self.contact.normal_row),
                                 (self.contact.tangent, self.contact.tangential_row)):
-            pieces.append(self._contact_rows(sub, held, direction, rows))
-            if self.coupled.any():
-                pieces.append(self._pair_rows(sub, held, direction, rows))
+            acts = rows[nodes] >= 0
+            pieces.append(self._contact_rows(sub, held, direction, rows, nodes[acts],
+                                             vertex[acts]))
+            if coupled:
+                pieces.append(self._pair_rows(sub, held, direction, rows, order))
         width = max(piece[2].shape[1] for piece in pieces)
         pieces = [(row, sign, *(_widen(array, width) for array in (dof, *parts)), scaling)
                   for row, sign, dof, *parts, scaling in pieces]
         return LocalRows(*(np.concatenate(column) for column in zip(*pieces)))
 
-    def _contact_rows(self, sub, held, direction, rows):
-        """Rows of the nodes that meet a rigid obstacle."""
-        order = np.argsort(sub.node_gid)
-        place, inside = lookup(sub.node_gid[order], self.contact.gid)
-        here = np.flatnonzero(inside & (rows >= 0) & ~self.coupled)
-        vertex = order[place[here]]
+    def _contact_rows(self, sub, held, direction, rows, here, vertex):
+        """Rows of the contact nodes `here`, at `vertex` of `sub`, that meet a rigid obstacle."""
         dof = 2 * vertex[:, None] + [0, 1]  # numbered vertex by vertex, see loader
         free = ~held[dof]
         # the product takes a shared node's row from its owner, the preconditioner halves it between
@@ -343,14 +347,14 @@ class _Numbering:
         """Positions in `pairs` of vertices on the boundary of `subdomain`."""
         return lookup(self.pairs, gid * self._span + subdomain)[0]
 
-    def _pair_rows(self, sub, held, direction, rows):
+    def _pair_rows(self, sub, held, direction, rows, order):
         """Rows between two bodies, or of several nodes: terms at vertices that this subdomain owns.
 
-        The preconditioner knows a row by the stiffness of the side with the contact nodes alone, as
-        the other side's rows depend on one another where its mesh is coarser, and weighs it with
-        what both have in series.
+        `order` sorts the subdomain's vertices by gid. The preconditioner knows a row by the
+        stiffness of the side with the contact nodes alone, as the other side's rows depend on one
+        another where its mesh is coarser, and weighs it with what both have in series.
         """
-        c, order = self.contact, np.argsort(sub.node_gid)
+        c = self.contact
         position, inside = lookup(sub.node_gid[order], c.term_gid)
         mine = np.flatnonzero(inside & self.coupled[c.term_node] & (rows[c.term_node] >= 0))
         mine = mine[self.place[self._pair(c.term_gid[mine], sub.index)] == 0]

@@ -178,6 +178,10 @@ class DualOperator(DualProblem):
         """Global scalar product: partial sums by subdomain, added in their order."""
         return self.vectors.dot(a, b)
 
+    def dots(self, *pairs: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+        """(k,) scalar products of k pairs of dual vectors, in one message."""
+        return self.vectors.dots_of(pairs)
+
     def preconditioner(self) -> DirichletPreconditioner:
         """The Dirichlet preconditioner of F."""
         return DirichletPreconditioner(self)

@@ -11,16 +11,19 @@ and quadratic elements alike. A node between vertices may move far by the force 
 The corners tell less of it for the price of a coarse solution: see `LeastDeformation`.
 """
 
+from functools import cached_property
+
 import numpy as np
 from mpi4py import MPI
 
 from ..scene import elements
-from .gathering import joined
+from .gathering import gather, joined
 
 
 class RigidParts:
     """Projection on the rigid motions of the bodies of `structure`. Collective over `comm`.
 
+    What it takes of the meshes is worked out when it is first asked for: many runs ask for nothing.
     Fields are lists of displacements (dofs,) of the rank's subdomains.
     """
 
@@ -30,30 +33,65 @@ class RigidParts:
         counts = [len(sub.xy) for sub in subs]
         self._starts = np.cumsum([0, *counts])
         self._body = np.repeat(number[[sub.index for sub in subs]], counts).astype(int)
-        xy, mass = joined((sub.xy for sub in subs), float, 2), np.zeros(self._starts[-1])
-        self._away = (xy - self.bodies.center[self._body]) / self.bodies.size[self._body, None]
-        self._moment = np.zeros((len(xy), 2))  # int phi (x - center) / size
-        if subs:
-            nodes = np.concatenate([sub.elements + k for sub, k in zip(subs, self._starts)])
-            area = np.abs(elements.areas(xy[nodes[:, :3]]))
+
+    @cached_property
+    def gram(self) -> np.ndarray:
+        """(bodies, 3, 3) products of R with itself in L2; collective when first asked for."""
+        return self._gram(*self._moments)
+
+    @cached_property
+    def _corner_gram(self) -> np.ndarray:
+        """(bodies, 3, 3) the same by the corners of triangles."""
+        return self._gram(*self._corner_moments)
+
+    @cached_property
+    def _away(self) -> np.ndarray:
+        """(nodes, 2) places of the rank's nodes from the centers of their bodies, over the size."""
+        xy = joined((sub.xy for sub in self.structure.subdomains), float, 2)
+        return (xy - self.bodies.center[self._body]) / self.bodies.size[self._body, None]
+
+    def _triangles(self) -> tuple[np.ndarray, np.ndarray]:
+        """Nodes (t, k) and areas (t,) of the rank's triangles; it has some."""
+        subs = self.structure.subdomains
+        nodes = np.concatenate([sub.elements + k for sub, k in zip(subs, self._starts)])
+        return nodes, np.concatenate([np.abs(elements.areas(sub.xy[sub.triangles]))
+                                      for sub in subs])
+
+    @cached_property
+    def _corner_moments(self) -> tuple[np.ndarray, np.ndarray]:
+        """(nodes,) areas by the corners of triangles, zero at nodes between them, and moments."""
+        if not self.structure.subdomains:
+            return np.zeros(0), np.zeros((0, 2))
+        nodes, area = self._triangles()
+        mass = np.bincount(nodes[:, :3].ravel(), np.repeat(area / 3, 3), self._starts[-1])
+        return mass, mass[:, None] * self._away
+
+    @cached_property
+    def _moments(self) -> tuple[np.ndarray, np.ndarray]:
+        """(nodes,) int phi and (nodes, 2) int phi (x - center) / size."""
+        count = self._starts[-1]
+        mass, moment = np.zeros(count), np.zeros((count, 2))
+        if count:
+            nodes, area = self._triangles()
             shape = elements.shapes(nodes.shape[1], elements.POINTS)
             unit = (shape.T * elements.WEIGHTS) @ shape  # exact for products of quadratics
-            mass += np.bincount(nodes.ravel(), np.outer(area, unit.sum(axis=1)).ravel(), len(xy))
+            mass += np.bincount(nodes.ravel(), np.outer(area, unit.sum(axis=1)).ravel(), count)
             for c in (0, 1):
                 # no BLAS product, which may round a row by how many there are on the rank
                 each = area[:, None] * (self._away[nodes, c][:, :, None] * unit).sum(axis=1)
-                self._moment[:, c] = np.bincount(nodes.ravel(), each.ravel(), len(xy))
-        self._mass, self._at_corners = mass, np.zeros(len(xy))
-        if subs:
-            self._at_corners += np.bincount(nodes[:, :3].ravel(), np.repeat(area / 3, 3), len(xy))
-        self.gram = self._gram(self._products)
-        self._corner_gram = self._gram(self._corner_products)
+                moment[:, c] = np.bincount(nodes.ravel(), each.ravel(), count)
+        return mass, moment
 
-    def _gram(self, products) -> np.ndarray:
-        """(bodies, 3, 3) `products` of R with itself."""
-        columns = [products(motion) for motion in self._motions().transpose(2, 0, 1)]
-        gram, missing = np.stack(columns, axis=2), self.bodies.possible == 0
-        gram[:, missing, missing] = 1.0  # their factors are zero
+    def _gram(self, mass: np.ndarray, moment: np.ndarray) -> np.ndarray:
+        """(bodies, 3, 3) products of R with itself by `mass` (nodes,) and `moment` (nodes, 2)."""
+        inertia = (moment * self._away).sum(axis=1)
+        whole, x, y, turning = self._sums(mass, *moment.T, inertia).T
+        gram, possible = np.zeros((len(whole), 3, 3)), self.bodies.possible
+        gram[:, 0, 0], gram[:, 1, 1], gram[:, 2, 2] = whole, whole, turning
+        gram[:, 0, 2], gram[:, 2, 0] = -y, -y
+        gram[:, 1, 2], gram[:, 2, 1] = x, x
+        gram *= possible[:, None] * possible
+        gram[:, possible == 0, possible == 0] = 1.0  # their factors are zero
         return gram
 
     def coefficients(self, fields: list[np.ndarray]) -> np.ndarray:
@@ -68,34 +106,31 @@ class RigidParts:
         rigid = np.linalg.solve(self._corner_gram, work)[:, :, 0][self._body]
         deformed = u - rigid[:, :2]
         deformed -= rigid[:, 2:] * np.column_stack([-self._away[:, 1], self._away[:, 0]])
-        moved = np.where(self._at_corners > 0, (deformed**2).sum(axis=1), 0.0)
+        moved = np.where(self._corner_moments[0] > 0, (deformed**2).sum(axis=1), 0.0)
         largest = float(moved.max(initial=0.0))
         return float(np.sqrt(self.comm.allreduce(largest, op=MPI.MAX)))
 
-    def _motions(self) -> np.ndarray:
-        """(nodes, 2, 3) R at the nodes of the rank's subdomains."""
-        motions = np.zeros((len(self._away), 2, 3))
-        motions[:, 0, 0] = motions[:, 1, 1] = 1.0
-        motions[:, 0, 2], motions[:, 1, 2] = -self._away[:, 1], self._away[:, 0]
-        return motions * self.bodies.possible
-
     def _products(self, u: np.ndarray) -> np.ndarray:
         """(bodies, 3) int R . u for displacements u (nodes, 2) of the rank's subdomains."""
-        return self._work(u, self._mass, self._moment)
+        return self._work(u, *self._moments)
 
     def _corner_products(self, u: np.ndarray) -> np.ndarray:
         """(bodies, 3) the same by the corners of triangles."""
-        return self._work(u, self._at_corners, self._at_corners[:, None] * self._away)
+        return self._work(u, *self._corner_moments)
 
     def _work(self, u: np.ndarray, mass: np.ndarray, moment: np.ndarray) -> np.ndarray:
         """(bodies, 3) work of displacements u (nodes, 2) on R with `mass` (nodes,) and its moment.
         """
-        x, y = mass * u[:, 0], mass * u[:, 1]
         turned = moment[:, 0] * u[:, 1] - moment[:, 1] * u[:, 0]
-        parts = np.zeros((0, 3))
-        if len(u):
-            parts = np.add.reduceat(np.column_stack([x, y, turned]), self._starts[:-1], axis=0)
-        return _by_body(parts, self.bodies, self.comm) * self.bodies.possible
+        return self._sums(mass * u[:, 0], mass * u[:, 1], turned) * self.bodies.possible
+
+    def _sums(self, *columns: np.ndarray) -> np.ndarray:
+        """(bodies, k) sums of k `columns` (nodes,) of the rank's subdomains; collective."""
+        parts = np.zeros((len(self._starts) - 1, len(columns)))
+        if len(parts):
+            for k, column in enumerate(columns):
+                parts[:, k] = np.add.reduceat(column, self._starts[:-1])
+        return _by_body(parts, self.bodies, self.comm)
 
 
 class LeastDeformation:
@@ -110,30 +145,34 @@ class LeastDeformation:
         self.comm, self.bodies = comm, structure.travel.bodies
         members = [s for c in classes for s in c.members]  # as the coarse problem stacks them
         dofs = [structure.corner_dofs[s] for s in members]
+        known = {id(sub.elements): sub for sub in structure.subdomains}
+        vertices = {key: _vertices(sub) for key, sub in known.items()}  # by mesh
         self._at_vertices = joined(
-            (_vertices(structure.subdomains[s])[d // 2] for s, d in zip(members, dofs)), bool)
+            (vertices[id(structure.subdomains[s].elements)][d // 2] for s, d in zip(members, dofs)),
+            bool)
         self._local = np.repeat(np.array(members, int), [len(d) for d in dofs])
         self._subdomains = len(structure.subdomains)
         self._body = self.bodies.number[structure.first + self._local].astype(int)
         xy = joined((structure.subdomains[s].xy[d // 2] for s, d in zip(members, dofs)), float, 2)
         away = (xy - self.bodies.center[self._body]) / self.bodies.size[self._body, None]
         across = joined(dofs, int) % 2 == 1
-        self._R = np.column_stack([~across, across, np.where(across, away[:, 0], -away[:, 1])])
-        self._R = self._R * self.bodies.possible * self._at_vertices[:, None]
-        self._count = self._sums(self._at_vertices[:, None] * 1.0)
-        gram = self._sums((self._R[:, :, None] * self._R[:, None, :]).reshape(-1, 9))
+        motions = np.array([~across, across, np.where(across, away[:, 0], -away[:, 1])])
+        self._R = motions * self.bodies.possible[:, None] * self._at_vertices  # (3, corner dofs)
+        self._count = self._sums(self._at_vertices[None] * 1.0)[:, 0]
+        gram = self._sums((self._R[:, None] * self._R).reshape(9, -1))
         self._inverse = np.linalg.pinv(gram.reshape(-1, 3, 3), hermitian=True)
 
     def __call__(self, corner: np.ndarray) -> float:
         """The bound for displacements of the rank's stacked corner dofs."""
-        factors = (self._inverse @ self._sums(self._R * corner[:, None])[:, :, None])[:, :, 0]
-        deformed = self._at_vertices * corner - (self._R * factors[self._body]).sum(axis=1)
-        mean = self._sums(deformed[:, None]**2) / np.maximum(self._count, 1)
+        factors = (self._inverse @ self._sums(self._R * corner)[:, :, None])[:, :, 0]
+        along, across, turning = self._R * factors.T[:, self._body]
+        deformed = self._at_vertices * corner - (along + across + turning)
+        mean = self._sums(deformed[None]**2)[:, 0] / np.maximum(self._count, 1)
         return float(np.sqrt(mean.max(initial=0.0)))
 
     def _sums(self, values: np.ndarray) -> np.ndarray:
-        """(bodies, k) sums of `values` (corner dofs, k)."""
-        parts = np.column_stack([np.bincount(self._local, v, self._subdomains) for v in values.T])
+        """(bodies, k) sums of `values` (k, corner dofs)."""
+        parts = np.column_stack([np.bincount(self._local, v, self._subdomains) for v in values])
         return _by_body(parts, self.bodies, self.comm)
 
 
@@ -149,6 +188,6 @@ def _by_body(parts: np.ndarray, bodies, comm) -> np.ndarray:
 
     So they are the same bits on any number of ranks.
     """
-    total = np.zeros((len(bodies.size), parts.shape[1]))
-    np.add.at(total, bodies.number, np.concatenate(comm.allgather(parts)))
-    return total
+    whole = gather(comm, parts)
+    return np.column_stack([np.bincount(bodies.number, part, len(bodies.size))
+                            for part in whole.T])

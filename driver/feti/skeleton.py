@@ -284,7 +284,11 @@ class _Pieces:
         self.middles = gid[shifted(outline.middles for outline in outlines)]
         self.local = joined(nodes, np.int64)
         self.starts = np.cumsum([0, *(len(own) for own in nodes)])
-        stiffness = joined(map(Outline.stiffness, outlines, subdomains), float)
+        known = {}  # by mesh and material
+        stiffness = joined([
+            known.get(key) if (key := (id(sub.elements), id(sub.elasticity))) in known
+            else known.setdefault(key, outline.stiffness(sub))
+            for outline, sub in zip(outlines, subdomains)], float)
         # means over triangles differ by rounding: nine digits make equals equal
         mantissa, exponent = np.frexp(stiffness)
         self.stiffness = np.ldexp(np.round(mantissa * 2.0**30) / 2.0**30, exponent)

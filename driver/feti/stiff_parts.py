@@ -35,8 +35,10 @@ class StiffParts:
 
     def __init__(self, structure, comm):
         subs, self.comm = structure.subdomains, comm
-        stiffness = [np.einsum("tii->t", sub.elasticity) for sub in subs]
-        softest = comm.allreduce(min((k.min() for k in stiffness), default=np.inf), op=MPI.MIN)
+        laws = {id(sub.elasticity): sub.elasticity for sub in subs}  # equal subdomains share one
+        stiffness = {key: np.einsum("tii->t", law) for key, law in laws.items()}
+        least = min((k.min() for k in stiffness.values()), default=np.inf)
+        softest = comm.allreduce(least, op=MPI.MIN)
 
         def exponent(k: np.ndarray) -> np.ndarray:
             return np.floor(np.log10(k / softest) + ROUNDED).astype(int)
@@ -46,7 +48,8 @@ class StiffParts:
         self.level = np.searchsorted(self.exponents, rows)
         self._parts = []
         if len(self.exponents) > 1:
-            meshes, of_triangles = _Meshes(subs), [exponent(k) for k in stiffness]
+            meshes = _Meshes(subs)
+            of_triangles = [exponent(stiffness[id(sub.elasticity)]) for sub in subs]
             heated = comm.allreduce(any(stress.any() for sub in subs
                                         for stress in sub.thermal.values()), op=MPI.LOR)
             possible = np.append(structure.travel.bodies.possible, heated)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..scene.loader import Subdomain
-from .gathering import lookup
+from .gathering import joined, lookup
 from .rigid_modes import RigidMode
 from .rows import LocalRows
 from .travel import Travel
@@ -56,6 +56,13 @@ class Substructure:
     outer_middles: np.ndarray  # (n,) gids of their middles; empty with linear elements
     primal_dofs: int
     numbering: object = None  # of rows that are renewed, where contact follows the motion
+
+    @property
+    def touching(self) -> list[int]:
+        """Local subdomains with contact rows."""
+        of = np.repeat(np.arange(len(self.rows)), [len(rows.row) for rows in self.rows])
+        numbers = joined((rows.row for rows in self.rows), np.int64)
+        return np.unique(of[self.at_contact.has(numbers)]).tolist()
 
     @property
     def renewed(self) -> list[int]:

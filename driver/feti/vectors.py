@@ -58,12 +58,26 @@ class DualVectors:
 
     def dot(self, a: np.ndarray, b: np.ndarray) -> float:
         """Global scalar product: partial sums by subdomain, added in their order."""
-        partial = np.zeros(self._subdomains)
-        if self.owned:
-            partial[self._filled] = np.add.reduceat(a * b, self._filled_starts)
+        partial = self._partial(a, b)
         if self._many:
             return float(exact_sum(self.comm, partial[:, None])[0])
         return float(self._all_partial(partial).sum())
+
+    def dots_of(self, pairs: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+        """(k,) global scalar products of k pairs of dual vectors, as `dot`, in one message."""
+        partial = np.array([self._partial(a, b) for a, b in pairs])
+        if self._many:
+            return exact_sum(self.comm, partial.T)
+        return self._all_partial.rows(partial).sum(axis=1)
+
+    def _partial(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """(subdomains,) sums over the rows of each of the rank's subdomains."""
+        if len(self._filled_starts) == self._subdomains > 0:
+            return np.add.reduceat(a * b, self._filled_starts)
+        partial = np.zeros(self._subdomains)
+        if self.owned:
+            partial[self._filled] = np.add.reduceat(a * b, self._filled_starts)
+        return partial
 
     def dots(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """(k,) global scalar products of the columns of blocks (owned, k), added as in `dot`."""

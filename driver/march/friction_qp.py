@@ -197,8 +197,8 @@ class FrictionQP:
         def attempt(x, gradient, relax):
             ended = mprgp(op.apply, d, *limits, x, tol=tol, norm_bound=self.bound,
                           preconditioner=self.preconditioner, max_products=settings.max_products,
-                          gradient0=gradient, dot=op.dot, minimum=op.minimum, monitor=monitor,
-                          scale=self.scale, relax=relax,
+                          gradient0=gradient, dot=op.dot, dots=op.dots, minimum=op.minimum,
+                          monitor=monitor, scale=self.scale, relax=relax,
                           expansion="gradient" if settings.expansion == "gradient" else "cg")
             self.bound = ended.norm_bound
             for name in ("cg_steps", "expansion_steps", "proportioning_steps"):

@@ -35,9 +35,8 @@ class ContactRelaxation:
         far, the answer is poorer but still one.
         """
         block = self.deflation.block
-        before, g = block.gather(y), block.gather(gradient)
-        lower, upper = (block.gather(limit) for limit in limits)
-        start = np.clip(before, lower, upper)
+        before, g, lower, upper = block.gathered(y, gradient, *limits)
+        start = np.minimum(np.maximum(before, lower), upper)
         g = g + block.apply(start - before)
         projected = projected_gradient(start, g, lower, upper)
         scaled = self.scale * block.scatter(projected, gradient)
@@ -56,5 +55,5 @@ class ContactRelaxation:
     def moved(self, x: np.ndarray, before: np.ndarray, gradient: np.ndarray) -> np.ndarray:
         """Contact rows' gradient at x from that at `before` with other contact multipliers."""
         block = self.deflation.block
-        step = block.gather(x) - block.gather(before)
-        return block.scatter(block.gather(gradient) + block.apply(step), gradient)
+        x, before, own = block.gathered(x, before, gradient)
+        return block.scatter(own + block.apply(x - before), gradient)

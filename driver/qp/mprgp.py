@@ -18,8 +18,8 @@ Notation, with g = Ax - b and componentwise definitions:
     reduced free grad. phi~ = (x - P(x - abar phi)) / abar,   abar = alpha_factor / norm_bound
 
 SPMD.  Every 1-D array is the local part of a distributed vector, and the only communication are
-the callables ``dot`` and ``minimum``; every decision is taken on what they returned.  If they give
-the same float to all ranks, all ranks take the same branches.  Local parts may be empty.
+the callables ``dot``, ``dots`` and ``minimum``; every decision is taken on what they returned.  If
+they give the same float to all ranks, all ranks take the same branches.  Local parts may be empty.
 
 One module because the steps share one state, of which x and g always belong together, and each
 decision is argued beside it.
@@ -114,7 +114,7 @@ class _Mprgp:
     """State of one solve: x, g always belong together and x is always feasible."""
 
     def __init__(self, A, b, lower, upper, tol, bound, gamma, alpha_factor, preconditioner,
-                 max_products, dot, minimum, monitor, projected_cg, relax):
+                 max_products, dot, dots, minimum, monitor, projected_cg, relax):
         self.A, self.b, self.lower, self.upper = A, b, lower, upper
         # most components have no bounds where few of many multipliers belong to contact
         bounded = (lower > -np.inf) | (upper < np.inf)
@@ -122,14 +122,15 @@ class _Mprgp:
         self.box = lower[self.bounded], upper[self.bounded]
         self.tol, self.bound, self.gamma, self.alpha_factor = tol, bound, gamma, alpha_factor
         self.preconditioner, self.max_products = preconditioner, max_products
-        self.dot, self.minimum, self.monitor = dot, minimum, monitor
+        self.dot, self.dots, self.minimum, self.monitor = dot, dots, minimum, monitor
         self.projected_cg, self.relax = projected_cg, relax
         self.products = 0
         self.counts = {"cg": 0, "expansion": 0, "proportioning": 0}
-        self.b_norm = np.sqrt(dot(b, b))
-        # products without a better residual: CG may wander for about as many as there are unknowns
         ones = np.ones_like(b)
-        self.window = 200 + 2 * min(int(dot(ones, ones)), 1000)
+        b2, size = dots((b, b), (ones, ones))
+        self.b_norm = np.sqrt(b2)
+        # products without a better residual: CG may wander for about as many as there are unknowns
+        self.window = 200 + 2 * min(int(size), 1000)
         self.x = self.g = self.p = self.Ap = None
         self.curvature = 0.0
         self.updates = 0  # gradient updates by recurrence since the last product at x
@@ -159,7 +160,7 @@ class _Mprgp:
         """x - step p with the components that met a bound put exactly on it, and clipped."""
         b, (lower, upper) = self.bounded, self.box
         x, met = self.x - step * p, ratio <= step * (1 + 4 * EPS)
-        x[b] = np.clip(np.where(met, np.where(p[b] > 0, lower, upper), x[b]), lower, upper)
+        x[b] = _clipped(np.where(met, np.where(p[b] > 0, lower, upper), x[b]), lower, upper)
         self.place(x, self.g - step * Ap, self.updates + 1)
 
     def ratios(self, p):
@@ -173,20 +174,22 @@ class _Mprgp:
     # -- one evaluation and the three steps -------------------------------------------------
 
     def evaluate(self):
-        """Split the gradient; sets the squares of the norms and the residual."""
+        """Split the gradient; sets the squares of the norms, phi~'phi and the residual."""
         b, self.phi, self.beta = self.bounded, self.g.copy(), np.zeros_like(self.g)
-        self.phi[b], self.beta[b] = split_gradient(self.x[b], self.g[b], *self.box)
-        self.phi2, self.beta2 = self.dot(self.phi, self.phi), self.dot(self.beta, self.beta)
+        x = self.x[b]
+        self.phi[b], self.beta[b] = split_gradient(x, self.g[b], *self.box)
+        reduced = self.phi.copy()
+        reduced[b] = reduced_free_gradient(x, self.phi[b], *self.box,
+                                           self.alpha_factor / self.bound)
+        phi, beta = self.phi, self.beta
+        self.phi2, self.beta2, self.reduced_slope = self.dots((phi, phi), (beta, beta),
+                                                              (reduced, phi))
         self.residual = float(np.sqrt(self.phi2 + self.beta2))
         if not np.isfinite(self.residual):
             raise _Stop("indefinite operator", "A returned values that are not finite")
 
     def is_proportional(self):
         """Release criterion: ||beta||^2 <= gamma^2 phi~'phi keeps the face."""
-        step = self.alpha_factor / self.bound
-        b, reduced = self.bounded, self.phi.copy()
-        reduced[b] = reduced_free_gradient(self.x[b], self.phi[b], *self.box, step)
-        self.reduced_slope = self.dot(reduced, self.phi)
         return self.beta2 <= self.gamma**2 * self.reduced_slope
 
     def step(self):
@@ -242,7 +245,8 @@ class _Mprgp:
 
     def exact_step(self, p, Ap, slope):
         """Minimiser of f(x - a p) over a: g'p / p'Ap, or inf where f has no curvature along p."""
-        curvature, noise = self.dot(p, Ap), self.dot(p, p) * self.bound * CURVATURE_ROUNDINGS * EPS
+        curvature, size = self.dots((p, Ap), (p, p))
+        noise = size * self.bound * CURVATURE_ROUNDINGS * EPS
         if not np.isfinite(curvature):
             raise _Stop("indefinite operator", "A returned values that are not finite")
         if noise < SMALLEST:
@@ -284,7 +288,7 @@ class _Mprgp:
         J. Optim. 1 (1991) 93-113, search such an arc.)
         """
         steps = [part * wish for part in ARC if part * wish > length]
-        return any(self.try_step(np.clip(self.x - a * p, self.lower, self.upper), needed)
+        return any(self.try_step(_clipped(self.x - a * p, self.lower, self.upper), needed)
                    for a in steps)
 
     def relaxed_step(self, y, g, needed):
@@ -320,7 +324,7 @@ class _Mprgp:
         x, g, given = self.x, self.g, self.bound
         phi, _ = split_gradient(x, g, self.lower, self.upper)
         for _ in range(MAX_DOUBLINGS):
-            new = np.clip(x - (self.alpha_factor / self.bound) * phi, self.lower, self.upper)
+            new = _clipped(x - (self.alpha_factor / self.bound) * phi, self.lower, self.upper)
             d = new - x
             length = np.sqrt(self.dot(d, d))
             if length == 0:  # nothing free moves; the product would bring nothing new
@@ -424,6 +428,11 @@ class _Mprgp:
                       residual)
 
 
+def _clipped(x, lower, upper):
+    """np.clip, which takes several times as long for small arrays."""
+    return np.minimum(np.maximum(x, lower), upper)
+
+
 def _anywhere(mask, dot):
     """Whether the mask is set on any rank."""
     flag = mask.astype(float)
@@ -454,8 +463,8 @@ def _checked(b, lower, upper, x0, dot):
 
 
 def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_factor=1.95,
-          preconditioner=None, max_products=10_000, gradient0=None, dot=np.dot, minimum=float,
-          monitor=None, expansion="gradient", scale=None, relax=None):
+          preconditioner=None, max_products=10_000, gradient0=None, dot=np.dot, dots=None,
+          minimum=float, monitor=None, expansion="gradient", scale=None, relax=None):
     """Minimise 1/2 x'Ax - b'x over lower <= x <= upper; returns a Result.
 
     A               callable (n,) -> (n,), symmetric positive (semi)definite; local parts
@@ -471,6 +480,8 @@ def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_fact
     max_products    limit of calls of A
     gradient0       A x0 - b if known, for a feasible x0; saves the first product
     dot             global scalar product of two local parts
+    dots            callable (*pairs) -> (k,): those of k pairs of local parts at once, as `dot`
+                    gives them; by default one after the other
     minimum         callable: the smallest of the ranks' numbers
     monitor         callable (kind, products, residual) after every step, kind in {"start", "cg",
                     "expansion", "proportioning"}
@@ -498,12 +509,13 @@ def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_fact
     if scale is not None and (scale != 1).any():
         options = dict(tol=tol, norm_bound=norm_bound, gamma=gamma, alpha_factor=alpha_factor,
                        preconditioner=preconditioner, max_products=max_products, dot=dot,
-                       gradient0=gradient0, minimum=minimum, monitor=monitor, expansion=expansion,
-                       relax=relax)
+                       dots=dots, gradient0=gradient0, minimum=minimum, monitor=monitor,
+                       expansion=expansion, relax=relax)
         return _unscaled(A, b, lower, upper, x0, scale, options)
     b, lower, upper, x = _checked(b, lower, upper, x0, dot)
+    dots = dots or (lambda *pairs: [dot(a, b) for a, b in pairs])
     run = _Mprgp(A, b, lower, upper, tol, float(norm_bound), gamma, alpha_factor, preconditioner,
-                 max_products, dot, minimum, monitor, expansion == "cg", relax)
+                 max_products, dot, dots, minimum, monitor, expansion == "cg", relax)
     run.x = x
     if gradient0 is not None:
         moved = np.zeros_like(x) if x0 is None else x - x0

@@ -165,7 +165,7 @@ def test_products_and_solutions_by_an_upper_triangle():
 def test_a_rank_has_its_contact_rows_in_its_own_part():
     """Rows 4 to 9 are its own, of which 4, 6 and 9 belong to contact."""
     table = ContactTable(np.array([1, 4, 6, 9, 11]), *np.zeros((3, 5)))
-    structure = SimpleNamespace(row_range=(4, 10), at_contact=table, subdomains=[])
+    structure = SimpleNamespace(row_range=(4, 10), at_contact=table, subdomains=[], touching=[])
     structure.own_rows = Substructure.own_rows.fget(structure)
     assert structure.own_rows == slice(1, 4)
     operator = SimpleNamespace(structure=structure, comm=MPI.COMM_SELF, classes=[],

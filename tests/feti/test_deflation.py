@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from driver.feti import contact_block
 from driver.feti.contact_block import ContactBlock, Galerkin
 from driver.feti.deflation import (DeflatedPreconditioner, Deflation, Face, _jumps,
                                    traction_hats)
@@ -106,6 +107,40 @@ def test_gather_and_scatter_are_inverse(problem, parts):
 
 
 # ------------------------------------------------------------------------------ deflation
+
+def test_contact_rows_of_several_vectors_are_gathered_at_once(problem, parts, monkeypatch):
+    """Also of masks; what a relaxation needs of its start takes one message."""
+    block, x = parts[1], np.arange(1.0, problem.structure.dual_dofs + 1)
+    both = block.gathered(x, x > 5)
+    assert both.tolist() == [block.gather(x).tolist(), (block.gather(x) > 5).tolist()]
+    messages, rows = [], block._all.rows
+    monkeypatch.setattr(block._all, "rows", lambda of: messages.append(len(of)) or rows(of))
+    relax = ContactRelaxation(problem.operator, parts[2], 1.0, np.ones(len(x)))
+    messages.clear()
+    relax.moved(x, x, x)
+    relax(x, x, (np.zeros(len(x)), np.zeros(len(x))), 1.0)
+    assert messages == [3, 4]
+
+
+def test_hats_that_change_are_formed_anew_with_the_same_bits(parts, monkeypatch):
+    """Of few hats their rows alone: those of W'A times G. After a large change all of them."""
+    block, rng = parts[1], np.random.default_rng(2)
+    monkeypatch.setattr(contact_block, "FEW", 0)
+    hats, formed = 10, []
+    columns = np.sort(rng.integers(0, hats, (block.size, 2)))
+    W = rng.standard_normal((block.size, 2))
+    galerkin = Galerkin(block, columns, hats)
+    galerkin(W)
+    rows = contact_block._rows
+    monkeypatch.setattr(contact_block, "_rows",
+                        lambda T, of: formed.append(len(of)) or rows(T, of))
+    for changed in ([0], [], [0, 1], range(block.size)):
+        W = W.copy()
+        W[list(changed)] *= 0.5
+        assert np.array_equal(galerkin(W), Galerkin(block, columns, hats)(W))
+    assert all(0 < count <= 4 for count in formed) and len(formed) <= 2
+    assert len(formed) == (2 if block.A.shape[1] else 0)
+
 
 def test_hats_make_uniform_and_linear_tractions(problem):
     """A partition of unity: the hats of a direction sum up to traction 1, and some combination of

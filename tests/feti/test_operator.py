@@ -12,11 +12,12 @@ from mpi4py import MPI
 from driver.hard.oracle import Assembled
 
 from driver import environment
-from driver.feti import reduction
+from driver.feti import numbering, reduction
 from driver.feti.dirichlet import DirichletPreconditioner, _inverse
 from driver.feti.dual_problem import DualProblem
 from driver.feti.operator import DualOperator
 from driver.feti.rows import RowKind
+from driver.march.tearing import build
 
 EPS = np.finfo(float).eps
 PARTITIONS = ["4x2", "3x3", "7"]  # two structured ones and a graph partition
@@ -110,6 +111,39 @@ def test_dofs_are_torn_corner_or_fixed(problem):
             fixed = problem.structure.fixed[member]
             everything = np.concatenate([c.torn, c.corner, fixed])
             assert sorted(everything) == list(range(problem.subdomains[member].dofs))
+
+
+def test_subdomains_with_contact_rows_are_known(problem):
+    structure = problem.structure
+    assert structure.touching == [s for s, rows in enumerate(structure.rows)
+                                  if np.isin(rows.row, structure.at_contact.row).any()]
+
+
+def test_equal_subdomains_are_measured_once(built, monkeypatch):
+    """The trace of Hooke's law, for the skeleton and for levels of stiffness."""
+    problem, whole, traces = built(cells=4, subdomains="4x2"), np.einsum, []
+
+    def einsum(indices, *arrays, **options):
+        traces.extend([1] * (indices == "tii->t"))
+        return whole(indices, *arrays, **options)
+
+    monkeypatch.setattr(np, "einsum", einsum)
+    DualOperator(build(problem.manifest, problem.subdomains, 0, MPI.COMM_SELF), MPI.COMM_SELF)
+    assert len(traces) == 2
+
+
+def test_places_of_contact_nodes_are_looked_up_once_a_subdomain(built, monkeypatch):
+    """For normal and tangential rows alike, in subdomains that touch alone."""
+    problem, whole, looked = built(cells=4, subdomains="4x2"), numbering.lookup, []
+    contact = problem.structure.contact.gid
+
+    def lookup(keys, wanted):
+        looked.extend([1] * np.array_equal(wanted, contact))
+        return whole(keys, wanted)
+
+    monkeypatch.setattr(numbering, "lookup", lookup)
+    build(problem.manifest, problem.subdomains, 0, MPI.COMM_SELF)
+    assert len(looked) == len(problem.structure.touching)
 
 
 def test_contact_rows_point_back_to_their_nodes(problem):
@@ -321,7 +355,7 @@ def test_corners_bound_the_deformation_from_below(problem):
             assert least > 0.01 * operator.deformation(multipliers, np.ones(1))
     bound = operator._least
     corner = rng.standard_normal(len(operator.coarse.numbers))
-    turned = corner + 100 * bound._R @ [0.3, -0.2, 0.5]
+    turned = corner + 100 * bound._R.T @ [0.3, -0.2, 0.5]
     assert bound(turned) == pytest.approx(bound(corner), abs=1e-11)
 
 
@@ -584,6 +618,8 @@ from driver.march.tearing import build
 from driver.feti.dirichlet import DirichletPreconditioner
 from driver.feti.operator import DualOperator
 from driver.feti.structure import partition
+from driver.march.problem import Problem
+from driver.options import Settings
 comm = MPI.COMM_WORLD
 for directory in sys.argv[1:]:
     manifest = read_manifest(Path(directory))
@@ -598,6 +634,10 @@ for directory in sys.argv[1:]:
     d = op.elastic_response(ones) + op.rigid_response(ones)
     found = [y, d, DirichletPreconditioner(op)(x, free),
              np.array([op.dot(x, y), op.dot(x, x)])[: 2 if comm.rank == 0 else 0]]
+    assert op.dots((x, y), (x, x)).tolist() == [op.dot(x, y), op.dot(x, x)]
+    solver = Problem(manifest, structure, op).solver(Settings())
+    found.append(np.array([step.multipliers for step in solver.steps()]).T)
+    found.append([op.rigid_parts.deformation(op.deformations(x, ones))] * (comm.rank == 0))
     found = [np.concatenate(comm.gather(np.asarray(part, float)) or [[]]) for part in found]
     if comm.rank == 0:
         print(*(hashlib.sha1(part.tobytes()).hexdigest()[:12] for part in found))
@@ -605,8 +645,8 @@ for directory in sys.argv[1:]:
 
 
 def test_any_split_gives_the_same_bits(exported, tmp_path):
-    """Products, loads, preconditioner and scalar products: sums are taken in an order the ranks do
-    not change.
+    """Products, loads, preconditioner, scalar products, one by one and several at once, all steps
+    and what bodies deform by: sums are taken in an order the ranks do not change.
     """
     script = tmp_path / "split.py"
     script.write_text(SCRIPT)
@@ -619,7 +659,7 @@ def test_any_split_gives_the_same_bits(exported, tmp_path):
                               capture_output=True, timeout=120)
         assert done.returncode == 0, done.stderr[-2000:]
         answers[ranks] = done.stdout
-    assert len(answers[1].split()) == 12
+    assert len(answers[1].split()) == 18
     assert answers[1] == answers[2] == answers[3]
 
 

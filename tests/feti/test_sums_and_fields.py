@@ -11,6 +11,7 @@ from driver.feti import vectors
 from driver.feti.gathering import by_node, exact_sum, joined, lookup
 from driver.feti.nodal import NodalFields
 from driver.feti.operator import DualOperator
+from driver.feti import rigid_parts
 from driver.feti.rigid_parts import LeastDeformation, RigidParts
 from driver.feti.rigid_modes import RigidMode, Springs, _motions
 from driver.feti.travel import Bodies, _rigid_part
@@ -166,6 +167,31 @@ def test_rigid_parts_are_the_nearest_motions_of_bodies():
                          for sub, u in zip(subs, fields) if bodies.number[sub.index] == body))
     assert parts.deformation(fields) == pytest.approx(far, rel=1e-12)
     assert parts.deformation([u + r for u, r in zip(fields, rigid)]) == pytest.approx(far, rel=1e-9)
+
+
+def test_rigid_parts_look_at_meshes_only_when_they_are_asked():
+    """Many runs ask for no rigid part, and supported bodies never for integrals over the mesh."""
+    structure = bodies_in_pieces()
+    meshes = [sub.elements for sub in structure.subdomains]
+    for sub in structure.subdomains:
+        del sub.elements
+    parts = RigidParts(structure, MPI.COMM_SELF)
+    for sub, mesh in zip(structure.subdomains, meshes):
+        sub.elements = mesh
+    parts.deformation([np.arange(6.0) for _ in meshes])
+    assert not {"_moments", "_triangles"} & vars(parts).keys()  # nor are triangles kept
+
+
+def test_subdomains_of_one_mesh_ask_once_which_nodes_are_vertices(monkeypatch):
+    structure, asked = bodies_in_pieces(), []
+    mesh = structure.subdomains[0].elements
+    for sub in structure.subdomains:
+        sub.elements = mesh
+    structure.corner_dofs = [np.array([0, 1])] * 3
+    whole = rigid_parts._vertices
+    monkeypatch.setattr(rigid_parts, "_vertices", lambda sub: asked.append(sub) or whole(sub))
+    LeastDeformation(structure, [SimpleNamespace(members=[0, 1, 2])], MPI.COMM_SELF)
+    assert len(asked) == 1
 
 
 def test_corners_tell_of_deformation_what_no_rigid_motion_is():

@@ -52,6 +52,11 @@ class Dense:
         return float(a @ b)
 
     @staticmethod
+    def dots(*pairs: tuple[np.ndarray, np.ndarray]) -> list[float]:
+        """The same of several pairs."""
+        return [float(a @ b) for a, b in pairs]
+
+    @staticmethod
     def minimum(value: float) -> float:
         """Over the one rank."""
         return value

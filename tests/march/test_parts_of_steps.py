@@ -178,6 +178,7 @@ def test_the_contact_problem_for_given_gluing_forces():
         return into
 
     block = SimpleNamespace(gather=lambda x: x[near], scatter=scatter,
+                            gathered=lambda *xs: np.array([x[near] for x in xs]),
                             apply=lambda x: F[:6, :6] @ x)
     deflation = SimpleNamespace(block=block, contact=None)
     relaxation = ContactRelaxation(SimpleNamespace(dot=np.dot), deflation,

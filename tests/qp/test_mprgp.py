@@ -831,3 +831,27 @@ def test_decreases_of_all_steps_add_up_to_that_of_f(monkeypatch, seed, expansion
     assert found.status == "converged" and drop > 0
     size = np.abs(A).max() * (x0 @ x0 + found.x @ found.x) + np.abs(b) @ (np.abs(x0) + 1)
     assert runs[-1].decrease == pytest.approx(drop, abs=1e4 * EPS * size)  # of some hundred steps
+
+
+def test_scalar_products_of_a_step_are_asked_for_together():
+    """The same iterates as one after the other; per step one message for the gradient's parts and
+    one for the curvature, besides what only their results tell to ask for.
+    """
+    rng = np.random.default_rng(5)
+    A, b = spd(rng, 30, 100.0), rng.standard_normal(30)
+    plain, single, several = [], [], []
+
+    def dot(into):
+        return lambda a, c: into.append(1) or float(np.dot(a, c))
+
+    def dots(*pairs):
+        several.append(len(pairs))
+        return [float(np.dot(a, c)) for a, c in pairs]
+
+    options = {"tol": 1e-9, "norm_bound": 1.01 * np.linalg.norm(A, 2), "expansion": "cg"}
+    one = mprgp(lambda v: A @ v, b, 0.0, 1.0, dot=dot(plain), **options)
+    other = mprgp(lambda v: A @ v, b, 0.0, 1.0, dot=dot(single), dots=dots, **options)
+    assert np.array_equal(one.x, other.x) and one.products == other.products
+    steps = one.cg_steps + one.expansion_steps + one.proportioning_steps
+    assert len(plain) == len(single) + sum(several)
+    assert several.count(3) >= steps + 1 and several.count(2) >= steps + 1
