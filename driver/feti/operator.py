@@ -29,9 +29,9 @@ from .blocks import BlockDiagonal
 from .coarse import CoarseProblem
 from .dirichlet import DirichletPreconditioner
 from .dual_problem import DualProblem
+from .extended_precision import PASSES, Refinement
 from .recovery import Recovery
 from .reduction import LocalClass, group, reduce_class, renew_rows, stack
-from .refinement import PASSES, Refinement
 from .rigid_parts import LeastDeformation, RigidParts
 from .rows import RowKind
 from .stiff_parts import StiffParts

@@ -1,16 +1,16 @@
 """A step by its condensed contact problem, corrected until it solves the whole.
 
 Every pass solves the contact rows, condensed, for the residual that they have at the present
-multipliers x, whatever the gluing rows miss there; then the gluing multipliers follow. The change
-y_c of the contact multipliers asks for
+multipliers x; then the gluing multipliers follow. The change y_c of the contact multipliers and
+the residual r_g of the gluing rows ask for
 
-    F_gg y_g = -F_gc y_c,
+    F_gg y_g = -F_gc y_c - r_g,
 
 which is solved to digits of the change, not of x: iterative refinement (N. Higham, Accuracy and
 Stability of Numerical Algorithms, SIAM 2002, chapter 12). Where stiffness jumps, what products
-round off on gluing rows between soft parts may be more than stiff parts deform by. Gluing
-multipliers found anew leave another such residual every time, which comes back on the contact rows;
-beside one that stays where it is they are solved to all the digits that they have themselves.
+round off may be more than stiff parts deform by. There residuals are those of refined displacements
+(feti/extended_precision.py), and once the condensed problem has a solution near x, contact rows are
+corrected by increments, too: what its compliance rounds off slows passes down and is in no result.
 """
 
 import numpy as np

@@ -44,7 +44,7 @@ def natural(of, product, load, x: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3, 4])
-def test_a_step_has_all_digits_where_products_have_few(seed):
+def test_contact_rows_keep_digits_that_gluing_rows_lose(seed):
     """Products are off by NOISE, and QPs end there; the condensed compliance is off by as much.
     Contact and gluing rows are solved to rounding all the same, by gradients that are not.
     """
