@@ -28,6 +28,7 @@ PASSES = 30  # corrections of a solution of the condensed contact problem
 HALF = 0.5  # of what it misses, which a correction leaves at most
 IDLE = 4  # corrections that leave more: rounding, and residuals say whether it will do
 ROUNDED = 1e-14  # part of forces that is rounding
+LAST_DIGITS = 16 * np.finfo(float).eps  # of forces that are sums of a few
 LATER = 1  # passes after which gluing rows have answered to what the one before rounded off
 DIGITS = 1e-3  # of a change, which gluing multipliers answer to, ...
 SHARE = 0.3  # ... or this part of the tolerance, if that is less, ...
@@ -175,8 +176,18 @@ class CondensedSearch:
         finally:
             qp.tol = tol
         self.bodies.shift(load, motion)
-        x = x + change
+        x = self._on_bounds(x + change)
         return x, self._exact(load, x)
+
+    def _on_bounds(self, x: np.ndarray) -> np.ndarray:
+        """x with forces that are on their friction bound but for rounding exactly on it.
+
+        A row inside its bound by the last digit would count as one that sticks, with all its slip.
+        """
+        bound, along = self.rows.friction_bound(x), x[self.rows.tangential]
+        near = np.abs(np.abs(along) - bound) <= LAST_DIGITS * bound
+        x[self.rows.tangential] = np.where(near, np.copysign(bound, along), along)
+        return x
 
     def _solved(self, index: int, iteration: int, d, limits, x, gradient):
         """Solution of a QP and its gradient; where stiffness jumps, as far as products go."""

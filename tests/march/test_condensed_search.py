@@ -60,6 +60,17 @@ def test_contact_rows_keep_digits_that_gluing_rows_lose(seed):
     np.testing.assert_array_equal(gradient, product(x) - load.d)
 
 
+def test_what_slides_is_on_its_bound_to_the_last_digit():
+    """Inside it by rounding it would count as sticking; well inside it does."""
+    of = parts(1, 0.3, **TIGHT)
+    x, eps = np.zeros(3 * N), np.finfo(float).eps
+    x[:3], bound = [1.0, 2.0, 4.0], 0.3 * np.array([1.0, 2.0, 4.0])
+    x[N : N + 3] = bound * [1 - 2 * eps, -1 + 2 * eps, 1 - 1e-12]
+    moved = of.fixed.search._on_bounds(x.copy())
+    assert moved[N] == bound[0] and moved[N + 1] == -bound[1]
+    assert moved[N + 2] == x[N + 2] and (moved[:N] == x[:N]).all()
+
+
 @pytest.mark.parametrize("passes, best, idle", [
     ([(1.0, 1.0), (0.4, 0.9), (0.3, 0.8)], 2, 1),
     ([(1e-9, 1e-4), (2e-9, 1e-6), (1e-9, 1e-6), (3e-9, 2e-7)], 3, 0),  # forces alone get digits
