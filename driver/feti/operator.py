@@ -177,8 +177,8 @@ class DualOperator(DualProblem):
         return total if self.softness is None else total + self.softness * multipliers
 
     def gradient(self, multipliers: np.ndarray, d: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """See DualProblem: displacements are refined where stiffness jumps."""
-        if self.levels == 1:
+        """See DualProblem: displacements of supported bodies are refined where stiffness jumps."""
+        if self.levels == 1 or self.modes:
             return super().gradient(multipliers, d, weights)
         self.products += 1 + PASSES
         if self._refinement is None:
