@@ -38,7 +38,51 @@ def corner_pairs(contact, fixed_keys: np.ndarray) -> np.ndarray:
                              "what can move; declare contact on less of the boundary")
         pairs += [(nodes[k], nodes[i], 1 if _opposite(contact.normal[nodes[[k, i]]]) else rank,
                    _rank([rows[i], rows[k]], DEPENDENT) == rank) for k, i, rank in dependent]
+    pairs += _of_rings(contact, fixed_keys, {k for pair in pairs for k in pair[:2]})
     return np.array(pairs, int).reshape(-1, 4)
+
+
+def _of_rings(contact, fixed_keys: np.ndarray, known: set[int]) -> list[tuple]:
+    """Pairs as `corner_pairs` returns them, beside the nodes `known`, by rows of several vertices.
+
+    Around a hole that is nothing but corners, each flank of a vertex meets the other body in its
+    own place. What the two conditions of its vertices differ by adds up to nothing around the hole,
+    and forces may run round in it. One vertex on the way, the first by its place, has the states of
+    a corner: without the friction of both its sides the rows are independent.
+    """
+    gids, count = np.unique(contact.gid[contact.normal_row >= 0], return_counts=True)
+    order = np.lexsort(contact.xy.T[::-1])
+    of = {gid: np.sort(order[contact.gid[order] == gid]) for gid in gids[count == 2]}
+    of = {gid: nodes for gid, nodes in of.items()
+          if contact.paired[nodes].all() and not known & set(nodes.tolist())}
+    rows = {gid: [_rows(contact, node, fixed_keys) for node in nodes] for gid, nodes in of.items()}
+    pairs, place = [], {gid: k for k, gid in enumerate(contact.gid[order])}
+    for ring in _connected(rows):
+        ring = sorted(ring, key=place.get)
+        while True:
+            bound = [ring[k] for k in _bound([rows[gid] for gid in ring])]
+            first = next((gid for gid in bound if len(rows[gid][0]) > 1), None)
+            if first is None:
+                break
+            rows[first] = [row[:1] for row in rows[first]]
+            opposite = _opposite(contact.normal[of[first]])
+            pairs.append((*of[first], 1 if opposite else 2, False))
+    return pairs
+
+
+def _connected(rows: dict) -> list[list[int]]:
+    """Vertices in groups whose `rows`, by vertex, act on common displacements."""
+    groups = []
+    for gid, of_nodes in rows.items():
+        keys, own = {key for of_node in of_nodes for row in of_node for key in row}, [gid]
+        apart = []
+        for others, touched in groups:
+            if touched & keys:
+                own, keys = others + own, touched | keys
+            else:
+                apart.append((others, touched))
+        groups = [*apart, (own, keys)]
+    return [own for own, _ in groups]
 
 
 def _opposite(normals: np.ndarray) -> bool:
@@ -62,14 +106,28 @@ def _rows(contact, node: int, fixed_keys: np.ndarray) -> list[dict[int, float]]:
     return rows
 
 
+def _bound(of_vertices: list) -> list[int]:
+    """Which vertices have a part in forces that displace nothing; none if rows are independent."""
+    rows = [(vertex, row) for vertex, of_nodes in enumerate(of_vertices)
+            for of_node in of_nodes for row in of_node]
+    left, size, _ = np.linalg.svd(_matrix([row for _, row in rows]))
+    size = np.append(size, np.zeros(len(rows) - len(size)))
+    part = np.abs(left[:, size <= DEPENDENT]).max(axis=1, initial=0.0)
+    return sorted({vertex for (vertex, _), share in zip(rows, part) if share > DEPENDENT})
+
+
 def _rank(of_nodes: list[list[dict[int, float]]], least: float) -> int:
     """Number of independent rows: singular values of rows of length one beyond `least`."""
     rows = [row for rows in of_nodes for row in rows]
+    return int(np.count_nonzero(np.linalg.svd(_matrix(rows), compute_uv=False) > least))
+
+
+def _matrix(rows: list[dict[int, float]]) -> np.ndarray:
+    """(rows, displacements) of length one each, by coefficients."""
     keys = {key: place for place, key in enumerate(sorted(set().union(*rows)))}
     matrix = np.zeros((len(rows), len(keys)))
     for number, row in enumerate(rows):
         for key, value in row.items():
             matrix[number, keys[key]] = value
     size = np.linalg.norm(matrix, axis=1)
-    matrix /= np.where(size > 0, size, 1.0)[:, None]
-    return int(np.count_nonzero(np.linalg.svd(matrix, compute_uv=False) > least))
+    return matrix / np.where(size > 0, size, 1.0)[:, None]

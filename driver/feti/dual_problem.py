@@ -49,6 +49,13 @@ class DualProblem(ABC):
     def apply(self, multipliers: np.ndarray) -> np.ndarray:
         """F times a dual vector; collective."""
 
+    def gradient(self, multipliers: np.ndarray, d: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """F lambda - d (owned,), d the load of `weights` and rigid motions, to all digits.
+
+        A product that rounds off less than F itself may where stiffness jumps; collective.
+        """
+        return self.apply(multipliers) - d
+
     @abstractmethod
     def dot(self, a: np.ndarray, b: np.ndarray) -> float:
         """Global scalar product of two dual vectors; collective."""

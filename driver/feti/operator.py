@@ -29,6 +29,7 @@ from .blocks import BlockDiagonal
 from .coarse import CoarseProblem
 from .dirichlet import DirichletPreconditioner
 from .dual_problem import DualProblem
+from .extended_precision import PASSES, Refinement
 from .recovery import Recovery
 from .reduction import LocalClass, group, reduce_class, renew_rows, stack
 from .rigid_parts import LeastDeformation, RigidParts
@@ -57,6 +58,7 @@ class DualOperator(DualProblem):
         self._lay_out()
         self.coarse = CoarseProblem(structure, self.classes, comm)
         self._recovery = Recovery(structure, self.classes, self.coarse)
+        self._refinement = None  # made where it is first needed
         self.acting = [s for s, sub in enumerate(structure.subdomains)
                        if sub.loads.any() or len(structure.fixed[s]) or sub.springs is not None]
         self.motions = [free_motions.displacement(structure, self.classes, self.vectors, k)
@@ -172,6 +174,21 @@ class DualOperator(DualProblem):
         self._A_transposed.multiply(self.coarse.solve(force), y, add=True)
         y *= vectors.sign
         total = vectors.add_up()
+        return total if self.softness is None else total + self.softness * multipliers
+
+    def gradient(self, multipliers: np.ndarray, d: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """See DualProblem: displacements of supported bodies are refined where stiffness jumps."""
+        if self.levels == 1 or self.modes:
+            return super().gradient(multipliers, d, weights)
+        self.products += 1 + PASSES
+        if self._refinement is None:
+            self._refinement = Refinement(self.structure, self.classes, self.coarse, self._recovery)
+        rows, factors = self._signed_rows(multipliers), weights[: self.structure.patterns]
+        corner = self._corner_displacements(rows, factors)
+        fields = self._recovery.displacements(rows, factors, None, corner)
+        moved = self._refinement.rows(rows, factors, fields)
+        elastic = self.vectors.assemble(moved * self.vectors.sign)
+        total = (self.elastic_response(factors) - d) - elastic
         return total if self.softness is None else total + self.softness * multipliers
 
     def dot(self, a: np.ndarray, b: np.ndarray) -> float:

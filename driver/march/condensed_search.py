@@ -1,21 +1,22 @@
 """A step by its condensed contact problem, corrected until it solves the whole.
 
 Every pass solves the contact rows, condensed, for the residual that they have at the present
-multipliers x, whatever the gluing rows miss there; then the gluing multipliers follow. The change
-y_c of the contact multipliers asks for
+multipliers x; then the gluing multipliers follow. The change y_c of the contact multipliers and
+the residual r_g of the gluing rows ask for
 
-    F_gg y_g = -F_gc y_c,
+    F_gg y_g = -F_gc y_c - r_g,
 
 which is solved to digits of the change, not of x: iterative refinement (N. Higham, Accuracy and
 Stability of Numerical Algorithms, SIAM 2002, chapter 12). Where stiffness jumps, what products
-round off on gluing rows between soft parts may be more than stiff parts deform by. Gluing
-multipliers found anew leave another such residual every time, which comes back on the contact rows;
-beside one that stays where it is they are solved to all the digits that they have themselves.
+round off may be more than stiff parts deform by. There residuals are those of refined displacements
+(feti/extended_precision.py), and once the condensed problem has a solution near x, contact rows are
+corrected by increments, too: what its compliance rounds off slows passes down and is in no result.
 """
 
 import numpy as np
 
 from ..errors import NoSolution, NotConverged
+from ..qp import complementarity
 from ..qp.anderson import Anderson
 from ..qp.coefficients import consistent
 from ..qp.mprgp import projected_gradient
@@ -26,10 +27,35 @@ from .step import Load, Trace, Unfinished
 PASSES = 30  # corrections of a solution of the condensed contact problem
 HALF = 0.5  # of what it misses, which a correction leaves at most
 IDLE = 4  # corrections that leave more: rounding, and residuals say whether it will do
+ROUNDED = 1e-14  # part of forces that is rounding
+LAST_DIGITS = 16 * np.finfo(float).eps  # of forces that are sums of a few
+LATER = 1  # passes after which gluing rows have answered to what the one before rounded off
 DIGITS = 1e-3  # of a change, which gluing multipliers answer to, ...
 SHARE = 0.3  # ... or this part of the tolerance, if that is less, ...
 FINEST = 1e-13  # ... but no less than this part of the change
 LAW_SECANTS = 10  # of friction coefficients that slip changes, combined
+
+
+class _Headway:
+    """Of passes: the best `answer` so far, and since how many passes nothing was halved, `idle`."""
+
+    def __init__(self):
+        self.missed = self.lacking = np.inf
+        self.idle, self.answer = 0, None
+
+    def note(self, answer: tuple | None, missed: float, lacking: float) -> None:
+        """A pass with this answer, None if friction and bodies have not settled in it.
+
+        `missed` are displacements, of which little may be known but rounding when forces are known
+        to all digits: `lacking`, the part of them by which they are to change, infinite if unknown.
+        """
+        lacking = max(lacking, ROUNDED)
+        halved = missed <= HALF * self.missed or lacking < HALF * self.lacking
+        self.idle = 0 if halved or answer is None else self.idle + 1
+        better = lacking < self.lacking or missed < self.missed and not lacking > self.lacking
+        if answer is not None and (self.answer is None or better):
+            self.answer = answer
+        self.missed, self.lacking = min(missed, self.missed), min(lacking, self.lacking)
 
 
 class CondensedSearch:
@@ -40,6 +66,8 @@ class CondensedSearch:
         self.qp, self.bodies, self.slip, self.condensation = qp, bodies, slip, condensation
         self.operator, self.rows = qp.operator, qp.rows
         self.stiff = self.operator.levels > 1 and not self.operator.contact_rows_only
+        # the springs of bodies without support make far more of the last digit of forces
+        self.refines = self.stiff and not self.operator.modes
 
     def solution(self, index: int, load: Load, x: np.ndarray, trace: Trace, rtol: float):
         """Multipliers near x that solve the step, their gradient and the rows that slide.
@@ -68,29 +96,30 @@ class CondensedSearch:
         """Multipliers, gradient, friction coefficients and motions of a solution, or None."""
         rows, changes = self.rows, self.slip.effects.coefficient_changes
         secants, method = Anderson(self.dot, LAW_SECANTS, 1.0), globalization.NEWTON
-        best, idle, answer = np.inf, 0, None
+        headway = _Headway()
         x, gradient = self._glued(index, load, x, trace)
         for _ in range(PASSES):
             coefficient, bound = rows.coefficient, rows.friction_bound(x)
             self.slip.renew_coefficient(gradient)
             settled = self._settled(load, x, rows.friction_bound(x) - bound, rtol)
             whole, missed = self._missed(x, gradient, bound)
-            idle = idle + 1 if settled and missed > HALF * best else 0
-            if settled and (answer is None or missed < best):
-                answer = x, gradient, coefficient, self._motion(load)
-            best = min(best, missed)
-            if settled and self._ends(whole, missed, idle):
+            change, solver = self._corrected(load, x, gradient), globalization.NEWTON
+            lacking = np.inf if change is None else self._share(change, x)
+            state = x, gradient, coefficient, self._motion(load)
+            headway.note(state if settled else None, missed, lacking)
+            if settled and self._ends(whole, missed, headway.idle):
                 self.qp.history.fallbacks.note(method, index)
-                return answer
+                return headway.answer
             if changes:
                 rows.coefficient = np.maximum(secants.next(coefficient, rows.coefficient), 0.0)
-            found, solver = self._solved_for(load, x, gradient)
-            if found is None:
+            if change is None:
+                change, solver = self._solved_for(load, x, gradient)
+            if change is None:
                 if solver == globalization.NO_STATE and not changes and rows.corners is None:
                     raise without_solution(self.qp, self.bodies, index, load, x, rtol, final=True)
                 return None
             method = method if solver == globalization.NEWTON else solver
-            x, gradient = self._followed(index, load, x, found, trace)
+            x, gradient = self._followed(index, load, x, gradient, change, trace)
         return None
 
     # ---- one pass --------------------------------------------------------------------------------
@@ -114,32 +143,54 @@ class CondensedSearch:
     def _ends(self, whole: float, missed: float, idle: int) -> bool:
         """Whether no more passes are made: contact rows between stiff parts get all digits."""
         enough = whole <= 2 * self.qp.tol  # of which the gluing rows alone may have tol
-        return missed == 0 or idle >= IDLE or enough and (idle > 0 or not self.stiff)
+        waits = LATER if self.refines else 0
+        return missed == 0 or idle >= IDLE or enough and (idle > waits or not self.stiff)
 
     def _glued(self, index: int, load: Load, x, trace: Trace) -> tuple[np.ndarray, np.ndarray]:
         """x with the gluing multipliers that its contact multipliers ask for, and its gradient."""
         trace.iterations += 1
         fixed = self.condensation.fixing(x)
-        return self._solved(index, trace.iterations, load.d, fixed, x, None)
+        x, gradient = self._solved(index, trace.iterations, load.d, fixed, x, None)
+        return x, self._exact(load, x) if self.refines else gradient
 
-    def _followed(self, index: int, load: Load, x, found: np.ndarray, trace: Trace):
-        """x changed to what is `found` on the contact rows, and its gradient; bodies move on."""
+    def _exact(self, load: Load, x: np.ndarray) -> np.ndarray:
+        """The gradient at x to all digits."""
+        return self.operator.gradient(x, load.d, load.weights)
+
+    def _followed(self, index: int, load: Load, x, gradient, change: np.ndarray, trace: Trace):
+        """x after a `change` of contact rows and motions, and its gradient.
+
+        Where stiffness jumps gluing multipliers answer to what the `gradient` at x leaves, too.
+        """
         trace.iterations += 1
-        op, qp, size, tol = self.operator, self.qp, self.condensation.size, self.qp.tol
-        change = self.condensation.place(found[:size], x) - x
-        moved = op.apply(change)
+        op, qp, tol = self.operator, self.qp, self.qp.tol
+        contact, motion = np.split(change, [self.condensation.size])
+        change, before = self.condensation.place(contact, np.zeros_like(x)), np.zeros_like(x)
+        if self.refines:
+            before = gradient
+        moved = op.apply(change) + before
         pushed = np.zeros_like(moved)
         pushed[self.rows.gluing] = moved[self.rows.gluing]
         pushed = qp.size(pushed)
         qp.tol = max(min(DIGITS * pushed, SHARE * tol), FINEST * pushed)
         try:
-            change, _ = self._solved(index, trace.iterations, np.zeros_like(x),
+            change, _ = self._solved(index, trace.iterations, -before,
                                      self.condensation.fixing(change), change, moved)
         finally:
             qp.tol = tol
-        self.bodies.shift(load, found[size:])
-        x = x + change
-        return x, op.apply(x) - load.d
+        self.bodies.shift(load, motion)
+        x = self._on_bounds(x + change) if self.refines else x + change
+        return x, self._exact(load, x)
+
+    def _on_bounds(self, x: np.ndarray) -> np.ndarray:
+        """x with forces that are on their friction bound but for rounding exactly on it.
+
+        A row inside its bound by the last digit would count as one that sticks, with all its slip.
+        """
+        bound, along = self.rows.friction_bound(x), x[self.rows.tangential]
+        near = np.abs(np.abs(along) - bound) <= LAST_DIGITS * bound
+        x[self.rows.tangential] = np.where(near, np.copysign(bound, along), along)
+        return x
 
     def _solved(self, index: int, iteration: int, d, limits, x, gradient):
         """Solution of a QP and its gradient; where stiffness jumps, as far as products go."""
@@ -152,8 +203,30 @@ class CondensedSearch:
         return result.x, result.gradient
 
     # ---- the condensed problem -------------------------------------------------------------------
+    def _corrected(self, load: Load, x, gradient) -> np.ndarray | None:
+        """Change (n + m + k,) of contact rows and motions to a solution near x, to its own digits.
+
+        Where stiffness jumps in bodies that supports hold; None elsewhere, where slip changes
+        friction, or if none is near.
+        """
+        if not self.refines or self.slip.effects.coefficient_changes:
+            return None
+        try:
+            problem = self.condensation.problem(load, x, gradient)
+        except NotConverged:
+            return None
+        start = problem.whole(self.condensation.gather(x))
+        return complementarity.corrected(problem, start, -self.condensation.gather(gradient))
+
+    def _share(self, change: np.ndarray, x: np.ndarray) -> float:
+        """Norm of the contact forces in a `change` (n + m + k,), over that of those in x."""
+        size = self.condensation.size
+        whole = np.linalg.norm(self.condensation.gather(x))
+        return float(np.linalg.norm(change[:size]) / whole) if whole > 0 else np.inf
+
     def _solved_for(self, load: Load, x, gradient) -> tuple[np.ndarray | None, str]:
-        """A solution of the condensed problem at x and its `gradient`, and the method; or None.
+        """Change (n + m + k,) to a solution of the condensed problem at x and its `gradient`, and
+        the method; or None.
 
         Bodies that ran away have slipped so far that friction by a law of slip holds them no more:
         where nothing solves the problem, friction is that of nodes that do not slide.
@@ -168,9 +241,9 @@ class CondensedSearch:
             if not self.slip.effects.coefficient_changes:
                 break  # friction is what it is
             if solution is not None:
-                return self._with_own_slip(problem, solution), solver
+                return self._with_own_slip(problem, solution) - start, solver
             self.slip.renew_coefficient(np.zeros_like(gradient))
-        return solution, solver
+        return None if solution is None else solution - start, solver
 
     def _with_own_slip(self, problem, solution: np.ndarray) -> np.ndarray:
         """The solution near this one with the coefficients of its own slip, which `rows` take.

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..environment import PLAIN_PROGRAM, silenced
 from . import pivots
-from .coulomb import BACKWARD, FORWARD, OPEN, STICK, CoulombProblem
+from .coulomb import BACKWARD, FORWARD, OPEN, ROUNDING, STICK, CoulombProblem
 
 DISTINCT = 1e-6  # solutions nearer than this part of the largest multiplier are the same
 MANY = 9  # solutions after which no more are looked for
@@ -94,6 +94,28 @@ def settled(problem: CoulombProblem, start: np.ndarray, move: np.ndarray,
         if changes > max(A_FEW, fewest / 2):
             return None
         fewest = min(fewest, changes)
+    return None
+
+
+def corrected(problem: CoulombProblem, z: np.ndarray, movement: np.ndarray) -> np.ndarray | None:
+    """Change of z to a solution by Newton steps, to digits of the change.
+
+    `movement` (n + m,) is that at z, better known than a product with the compliance knows it. None
+    where states do not settle: on their border they may come again, in a solution to rounding.
+    """
+    change, moved, seen = np.zeros_like(z), movement, []
+    for _ in range(NEWTON_STEPS):
+        states, sign = problem.states(z + change, moved), problem.signs(z + change)
+        key = states.tobytes() + sign.tobytes()
+        if seen and key == seen[-1]:
+            return change
+        if key in seen:
+            return change if problem.violation(z + change, moved) <= ROUNDING else None
+        seen.append(key)
+        found = problem.correction_in(states, sign, z, movement)
+        if found is None:
+            return None
+        change, moved = found
     return None
 
 

@@ -140,9 +140,9 @@ class CoulombProblem:
         sliding = np.where(signs > 0, FORWARD, np.where(signs < 0, BACKWARD, STICK))
         return self.joined(touching, sliding)
 
-    def on_bounds(self, z: np.ndarray) -> np.ndarray:
+    def on_bounds(self, z: np.ndarray, states: np.ndarray | None = None) -> np.ndarray:
         """z with the forces of open and sliding nodes exactly on the bounds of their states."""
-        states, x = self.states(z), z.copy()
+        states, x = self.states(z) if states is None else states, z.copy()
         x[: self.n][states <= OPEN] = 0.0
         along, state = x[self.n : self.rows], np.abs(states[self.pair])
         bound = self.bounds(x)
@@ -191,9 +191,28 @@ class CoulombProblem:
         sign = np.ones(self.n) if sign is None else sign
         return self.system(states, sign).solve(self.load, self.balance)
 
+    def correction_in(self, states: np.ndarray, sign: np.ndarray, z: np.ndarray,
+                      movement: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """Change of z that solves the law in `states`, and the movement (n + m,) after it.
+
+        `movement` is that at z. Digits are those of the change. None if the system is singular.
+        """
+        placed = self.on_bounds(z, states) - z
+        left, x = self.moved(movement, placed), (z + placed)[: self.rows]
+        change = self.system(states, sign).correction(left, self.balance - self.motions.T @ x)
+        return None if change is None else (placed + change, self.moved(left, change))
+
+    def moved(self, movement: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """`movement` (n + m,) after a change of z."""
+        self.products += 1
+        movement = movement - self.compliance @ change[: self.rows]
+        return movement + self.motions @ change[self.rows :] if self.k else movement
+
     # ---- the law -------------------------------------------------------------------------------
-    def violation(self, z: np.ndarray) -> float:
+    def violation(self, z: np.ndarray, move: np.ndarray | None = None) -> float:
         """Violation of the law at z, relative to the largest force; inf for NaN.
+
+        `move` (n + m,) is the movement at z, if known.
 
         Forces are those at z, of overlaps that the load alone would make, and of motions. Openings
         may be of any size and take no force: they count by what their rounding is worth. So do
@@ -201,7 +220,7 @@ class CoulombProblem:
         Balance is relative to what acts on motions, if that is less: the lips of a slit may press
         one another by any force, of which the body that lies loose feels nothing.
         """
-        x, move = z[: self.rows], self.movement(z)
+        x, move = z[: self.rows], self.movement(z) if move is None else move
         work = np.abs(self.balance / self.reach).max(initial=0)
         overlap = self.load[: self.n]
         overlap = np.where(self.bilateral, np.abs(overlap), np.maximum(overlap, 0.0))
@@ -255,7 +274,7 @@ class StateSystem:
         self.free = np.flatnonzero(free)
         self.sliding, self.node = n + sliding, problem.pair[sliding]
         self.bound = np.where(state[sliding] == FORWARD, 1.0, -1.0) * problem.coefficient[sliding]
-        slope = self.bound * sign[self.node]
+        self.slope = slope = self.bound * sign[self.node]
         self.turn = problem.held(states) / problem.reach[:, None]
         columns, place = C.compress(free, 1), np.cumsum(touching) - 1
         self.given = None  # forces (n + m,) of offsets and the movement of the free rows by them
@@ -296,15 +315,30 @@ class StateSystem:
         if self.dependent:
             family = self.family(load, balance)
             return None if family is None else family[0]
-        right = self._right(load, balance)
-        if len(right):
-            unknowns, _ = lapack.dgetrs(self.factor, self.pivots, right)
-            # rows differ in size as stiffness does: else each has the rounding of the largest ones
-            # (R. Skeel, Math. Comp. 35 (1980) 817-832)
-            more, _ = lapack.dgetrs(self.factor, self.pivots, right - self.matrix @ unknowns)
-            right = unknowns + more
-        z = self._whole(right) if self.given is None else self._whole(right) + self._offsets
+        z = self._whole(self._unknowns(self._right(load, balance)))
+        z = z if self.given is None else z + self._offsets
         return z if np.isfinite(z).all() else None
+
+    def correction(self, movement: np.ndarray, balance: np.ndarray) -> np.ndarray | None:
+        """Change of z that takes `movement` (n + m,) from the free rows and `balance` (k,) from
+        what acts on motions, while sliding nodes follow their bounds; None if singular.
+        """
+        if self.dependent:
+            return None
+        right = self.scale * np.append(movement[self.free], self.turn.T @ balance)
+        change = self._whole(self._unknowns(right))
+        change[self.sliding] = self.slope * change[self.node]
+        return change if np.isfinite(change).all() else None
+
+    def _unknowns(self, right: np.ndarray) -> np.ndarray:
+        """Of the scaled linear system with this right-hand side."""
+        if not len(right):
+            return right
+        unknowns, _ = lapack.dgetrs(self.factor, self.pivots, right)
+        # rows differ in size as stiffness does: else each has the rounding of the largest ones
+        # (R. Skeel, Math. Comp. 35 (1980) 817-832)
+        more, _ = lapack.dgetrs(self.factor, self.pivots, right - self.matrix @ unknowns)
+        return unknowns + more
 
     def _whole(self, unknowns: np.ndarray) -> np.ndarray:
         """z of the unknowns of the scaled linear system, without offsets."""

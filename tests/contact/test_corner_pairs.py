@@ -54,6 +54,43 @@ def test_between_bodies_rows_depend_nearly():
     assert corner_pairs(vertex([X, Y], True, [(0, 9, -1.0), (1, 8, -1.0)]), NONE).tolist() == []
 
 
+def ring(friction: bool, apart: bool) -> SimpleNamespace:
+    """A square hole, vertices 0 to 3 at its corners, around a body whose vertices 10 to 13 face the
+    middles of its sides; 14 is the fifth of them if the body is `apart` there.
+    """
+    turn = np.array([[0.0, -1.0], [1.0, 0.0]])
+    side = [np.linalg.matrix_power(turn, k) @ [1.0, 0.0] for k in range(4)]
+    gid = np.repeat(np.arange(4), 2)
+    sides = (gid + np.tile([0, 1], 4)) % 4  # at which the flanks of vertex k end
+    place = [side[k] + side[(k + 1) % 4] for k in gid]
+    n, met = 8, 10 + sides
+    met[-1] = 14 if apart else met[-1]
+    normal = np.array([side[k] for k in sides])
+    contact = SimpleNamespace(
+        gid=gid, xy=np.array(place), normal=normal, normal_row=np.arange(n), tangent=normal @ turn,
+        tangential_row=n + np.arange(n) if friction else np.full(n, -1), paired=np.ones(n, bool),
+        term_node=np.tile(np.arange(n), 2), term_gid=np.append(gid, met),
+        term_value=np.repeat([1.0, -1.0], n))
+    contact.declared = contact
+    return contact
+
+
+@pytest.mark.parametrize("friction, apart, vertices", [
+    (True, False, [2]), (True, True, []), (False, False, [])])
+def test_a_hole_of_nothing_but_corners_has_one_that_is_not_independent(friction, apart, vertices):
+    """What the flanks of the vertices differ by adds up to nothing around it; the first vertex by
+    its place has two conditions at a time. The 14 rows that are left are independent.
+    """
+    contact = ring(friction, apart)
+    B = np.zeros((8, 15))
+    np.add.at(B, (contact.term_node, contact.term_gid), contact.term_value)
+    assert np.linalg.matrix_rank(B) == (8 if apart else 7)
+    found = corner_pairs(contact, NONE)
+    nodes = [np.flatnonzero(contact.gid == gid).tolist() for gid in vertices]
+    assert found.tolist() == [[*pair, 2, 0] for pair in nodes]
+    assert all(contact.xy[k].tolist() == [-1, -1] for pair in nodes for k in pair)
+
+
 def test_the_nodes_beside_a_corner_are_the_next_of_its_own_flanks():
     """Two flanks, nodes 0 to 2 and 3 to 5 with the corner in 2 and 3, and one that ends there."""
     contact = SimpleNamespace(

@@ -7,7 +7,8 @@ import pytest
 from mpi4py import MPI
 from scipy.sparse import csr_matrix, triu
 
-from driver.feti import fronts
+from driver.errors import NotConverged
+from driver.feti import compliance, fronts
 from driver.feti.compliance import ContactCompliance, FaceInverse, _Factor, _multiply
 from driver.feti.contact_block import ContactBlock
 from driver.feti.fronts import GluingElimination
@@ -158,6 +159,27 @@ def test_products_and_solutions_by_an_upper_triangle():
     np.testing.assert_allclose(_Factor(upper).solve(K @ x), x, atol=1e-10)
     none = _Factor(csr_matrix((0, 0)))
     assert none.solve(np.zeros((0, 3))).shape == (0, 3)
+
+
+@pytest.mark.parametrize("off, refined", [(1e-15, 0), (1e-6, 1), (1e-3, None), (np.nan, None)])
+def test_an_elimination_is_refined_before_it_fails(monkeypatch, off, refined):
+    """A factor that is `off` leaves the square of it after one refinement, or that is no solution.
+    """
+    K, calls = spd(5), []
+    factor = _Factor(csr_matrix(triu(K)))
+
+    def inexact(_, right):
+        calls.append(right)
+        return np.linalg.solve(K, right) * (1 + off)
+
+    monkeypatch.setattr(compliance, "solve_columns", inexact)
+    x = np.random.default_rng(4).standard_normal((5, 2))
+    if refined is None:
+        with pytest.raises(NotConverged, match="could not be eliminated"):
+            factor.solve(K @ x)
+        return
+    np.testing.assert_allclose(factor.solve(K @ x), x, rtol=1e-10)
+    assert len(calls) == 1 + refined
 
 
 # ------------------------------------------------------------------------------ contact blocks

@@ -46,6 +46,10 @@ class Dense:
         self.products += 1
         return self.F @ x
 
+    def gradient(self, x: np.ndarray, d: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """F x - d."""
+        return self.apply(x) - d
+
     @staticmethod
     def dot(a: np.ndarray, b: np.ndarray) -> float:
         """Of whole vectors."""

@@ -1,0 +1,112 @@
+"""Displacements of the dual rows beyond the digits that factors leave."""
+
+import numpy as np
+import pytest
+
+from driver.feti import extended_precision
+from driver.feti.extended_precision import LONG
+
+# a stiff half under a soft one, both on springs that are hardly any
+LOOSE = """include "scene.idp"
+units("um", "MPa");
+subdomains("3x1");
+rectangle(0., 2000., 0., 1000.);
+macro young() (y > 480.7 ? 3e3 : 3e9) //
+macro poisson() 0.3 //
+macro load1() pressure(3, 0.3) //
+macro bodyForce2() [1e-4, -2e-4] //
+macro contact() 1 //
+macro friction() 0.3 //
+macro foundation() 3 //
+macro foundationNormal() 3e-4 //
+macro foundationTangential() 3e-5 //
+include "export.idp"
+"""
+# a stiff part that hangs on a soft one, which its support pushes
+HELD = LOOSE.replace("y > 480.7", "x < 480.7").replace(
+    "macro foundation() 3 //", "macro displacement1() on(4, u1 = 0.1, u2 = 0.) //").replace(
+    "macro foundationNormal", "// macro normal").replace(
+    "macro foundationTangential", "// macro tangential")
+
+
+def exact(problem, multipliers: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """B u of the torn body by elimination in extended precision, sums included."""
+    structure, subs = problem.structure, problem.subdomains
+    number, count = [], structure.coarse_dofs  # of every local dof; corners come first
+    for s, sub in enumerate(subs):
+        of = np.arange(count, count + sub.dofs)
+        of[structure.corner_dofs[s]] = structure.corner_global[s]
+        number.append(of)
+        count += sub.dofs
+    K, f, u = np.zeros((count, count), LONG), np.zeros(count, LONG), np.zeros(count, LONG)
+    free = np.zeros(count, bool)
+    for s, (sub, of) in enumerate(zip(subs, number)):
+        inner = np.delete(np.arange(sub.dofs), structure.fixed[s])
+        free[of[inner]] = True
+        u[of[structure.fixed[s]]] = weights @ structure.fixed_values[s]
+        np.add.at(K, np.ix_(of, of), sub.stiffness(sub.values).toarray().astype(LONG))
+        f[of] += weights @ sub.loads.astype(LONG)
+        rows = structure.rows[s]
+        force = rows.sign * multipliers[rows.row]
+        np.add.at(f, of[rows.dof], -(rows.coefficient * force[:, None]).astype(LONG))
+    f -= K @ u
+    u[free] = eliminated(K[np.ix_(free, free)], f[free])
+    moved = np.zeros(structure.dual_dofs, LONG)
+    for s, of in enumerate(number):
+        rows = structure.rows[s]
+        part = ((rows.coefficient + rows.fixed_part) * u[of][rows.dof]).sum(axis=1)
+        np.add.at(moved, rows.row, rows.sign * part)
+    return moved
+
+
+def eliminated(K: np.ndarray, f: np.ndarray) -> np.ndarray:
+    """Solution of K u = f, K positive definite, with LONG's digits; refined twice."""
+    n, L = len(f), K.copy()
+    for k in range(n):
+        L[k + 1 :, k] /= L[k, k]
+        L[k + 1 :, k + 1 :] -= np.outer(L[k + 1 :, k], L[k, k + 1 :])
+
+    def solve(b: np.ndarray) -> np.ndarray:
+        y = b.copy()
+        for k in range(n):
+            y[k + 1 :] -= L[k + 1 :, k] * y[k]
+        for k in reversed(range(n)):
+            y[k] = (y[k] - L[k, k + 1 :] @ y[k + 1 :]) / L[k, k]
+        return y
+
+    u = solve(f)
+    return u + solve(f - K @ u)
+
+
+@pytest.mark.parametrize("name", ["loose", "held"])
+def test_gradients_of_stiff_parts_have_digits_that_products_lose(built, named_scene, name):
+    """Forces as in a step: they balance the load, so that the body moves by less than they do."""
+    scene = {"loose": LOOSE, "held": HELD}[name]
+    problem = built(scene=named_scene(name, scene), cells=2)
+    operator, contact = problem.operator, problem.structure.contact
+    weights = np.ones(problem.structure.patterns)
+    d = operator.elastic_response(weights)
+    x = np.linalg.solve(problem.F, d)
+    x *= 1 + 1e-7 * np.random.default_rng(1).standard_normal(len(x))
+    truth = -exact(problem, x, weights)
+    product, refined = operator.apply(x) - d, operator.gradient(x, d, weights)
+    rows = contact.normal_row[contact.normal_row >= 0]
+    missed, left = (np.abs(of - truth)[rows].max() for of in (product, refined))
+    assert left <= 1e-3 * missed
+    before = operator.products
+    operator.gradient(x, d, weights)
+    assert operator.products == before + 1 + extended_precision.PASSES
+
+
+def test_a_product_in_two_parts_keeps_what_cancels():
+    """Of a stiff bar far away: its ends move alike, but for 2^-60 of it."""
+    from scipy.sparse import csr_matrix
+
+    k = 3e9 * np.array([[1.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
+    k[2, 2] += 0.1
+    u = LONG(1 / 3) * np.ones((3, 2), LONG)
+    u[1] += LONG(2.0) ** -60
+    inner = extended_precision._product(extended_precision._split(csr_matrix(k.astype(LONG))), u)
+    whole = [[-3e9 * 2.0**-60] * 2, [6e9 * 2.0**-60] * 2,
+             [-3e9 * 2.0**-60 + (k[2, 2] - 3e9) / 3] * 2]
+    np.testing.assert_allclose(inner.astype(float), whole, rtol=1e-12)
