@@ -28,7 +28,8 @@ def beside_far_ones(problem, far=70):
     root = 0.01 * rng.standard_normal((2 * count, 2 * count))
     C = root @ root.T + np.eye(2 * count)
     C[np.ix_(rows, rows)] = problem.compliance
-    load, motions = np.append(np.full(count, -1e3), np.zeros(count)), np.zeros((2 * count, problem.k))
+    load = np.append(np.full(count, -1e3), np.zeros(count))
+    motions = np.zeros((2 * count, problem.k))
     load[rows], motions[rows] = problem.load, problem.motions
     return CoulombProblem(C, load, np.append(problem.coefficient, np.ones(far)), np.arange(count),
                           False, motions, problem.balance), rows

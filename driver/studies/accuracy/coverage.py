@@ -161,7 +161,8 @@ def of_any(scene: str, out: Path) -> Case:
     """The case of a scene that is not in the table: by its own mesh size and steps.
 
     References have three and six times the steps, of which some end wherever histories turn at a
-    half, a third or a quarter. Raises InputError if there is no such scene or no parameter (CELLS, H) sets its mesh size.
+    half, a third or a quarter. Raises InputError if there is no such scene or no parameter (CELLS,
+    H) sets its mesh size.
     """
     freefem.find_scene(scene)
     summary = summary_of(Case(scene, (), ()), {"errors": "no"}, out)
