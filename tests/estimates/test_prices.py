@@ -94,7 +94,7 @@ def test_unknowns_grow_as_those_of_the_run_and_its_companions_do(grows):
 def test_unknowns_of_any_mesh_grow_with_its_area_in_the_end():
     """By one mesh alone, and where what was run does not grow."""
     one = Uniform("P1", "h", [0.1], [0.01], [100.0], 1.0, COSTS)
-    flat = Uniform("P1", "h", [0.1, 0.2], [0.01, 0.02], [100.0, 100.0], 1.0, COSTS)
+    flat = Uniform("P1", "h", [0.1, 0.2, 0.4], [0.01, 0.02, 0.03], [100.0] * 3, 1.0, COSTS)
     assert one.count(0.01) == pytest.approx(1e4)
     assert flat.count(0.01) > 9e2 and flat.count(0.1) == 100.0
 

@@ -58,6 +58,23 @@ def test_few_nodes_that_touch_are_found_among_many(monkeypatch, fewest):
     assert branching.search_states(problem).solution is None  # too many nodes for the search
 
 
+def test_nodes_that_are_penetrated_are_added(monkeypatch):
+    """Six are pressed; a start with all force on one of them has lifted the others."""
+    monkeypatch.setattr(few_nodes, "FEWEST", 2)
+    monkeypatch.setattr(few_nodes, "MORE", 1)
+    C, load, start = np.eye(140), np.append(np.full(70, -1e3), np.zeros(70)), np.zeros(140)
+    C[:6, :6] += 0.5
+    load[:6], start[0] = 1.0, 100.0
+    problem, sizes = CoulombProblem(C, load, np.ones(70), np.arange(70), False), []
+
+    def counted(few, start):
+        sizes.append(few.n)
+        return searched(few, start)
+
+    found, _ = few_nodes.solution_among(problem, start, 60, counted)
+    assert problem.solves(found) and (found[:6] > 0).all() and sizes == [2, 3, 4, 5, 6]
+
+
 def test_nodes_that_have_to_be_there_are(monkeypatch):
     """Bilateral ones, and those that resist slip although they are open."""
     problem, _ = beside_far_ones(with_solution()[0])

@@ -81,10 +81,12 @@ def test_any_other_scene_starts_from_its_own_mesh(study, monkeypatch, tmp_path):
     """Not from that of a scene of the table; its references are finer."""
     seen = []
     monkeypatch.setattr(study.coverage, "judged", lambda cases, *_: seen.extend(cases) or [])
-    monkeypatch.setattr(study.coverage, "summary_of", lambda *_: {"parameters": {"h": 0.4}})
+    monkeypatch.setattr(study.coverage, "summary_of", lambda *_: {
+        "parameters": {"h": 0.4}, "steps": 5})
     monkeypatch.setattr(figure, "draw", lambda table: [])
     run_accuracy({"part": study.__name__.rpartition(".")[2], "scene": "zones",
                   "out": str(tmp_path / "x")})
     assert [prices.settings_of(case) for case in seen] == [{"h": 0.4}]
     assert all(settings["h"] < 0.4 for case in seen for settings in case.references)
+    assert [settings["steps"] for case in seen for settings in case.references] == [15, 30]
     assert prices.settings_of(study.coverage.chosen(CASES, "stack", tmp_path)[0])["steps"] == 5
