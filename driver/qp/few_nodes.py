@@ -28,10 +28,10 @@ def solution_among(problem: CoulombProblem, start: np.ndarray, most: int,
     if problem.offset is not None:
         needed[problem.pair[problem.offset > 0]] = True
     trial[needed] = np.inf
-    count = max(FEWEST, int((trial > 0).sum()))
-    chosen = np.sort(np.argsort(-trial, kind="stable")[: min(count, most)])
     if needed.sum() > most:
         return None, ""
+    count = min(max(FEWEST, int((trial > 0).sum())), most)
+    chosen = np.sort(np.argsort(-trial, kind="stable")[:count])
     while True:
         few, rows = among(problem, chosen)
         found, method = solve(few, np.append(start[rows], start[problem.rows :]))
