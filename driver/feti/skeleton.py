@@ -284,11 +284,12 @@ class _Pieces:
         self.middles = gid[shifted(outline.middles for outline in outlines)]
         self.local = joined(nodes, np.int64)
         self.starts = np.cumsum([0, *(len(own) for own in nodes)])
+        keys = [(id(sub.elements), id(sub.elasticity)) for sub in subdomains]
         known = {}  # by mesh and material
-        stiffness = joined([
-            known.get(key) if (key := (id(sub.elements), id(sub.elasticity))) in known
-            else known.setdefault(key, outline.stiffness(sub))
-            for outline, sub in zip(outlines, subdomains)], float)
+        for key, outline, sub in zip(keys, outlines, subdomains):
+            if key not in known:
+                known[key] = outline.stiffness(sub)
+        stiffness = joined((known[key] for key in keys), float)
         # means over triangles differ by rounding: nine digits make equals equal
         mantissa, exponent = np.frexp(stiffness)
         self.stiffness = np.ldexp(np.round(mantissa * 2.0**30) / 2.0**30, exponent)
