@@ -27,6 +27,7 @@ from .rows import contact_row_numbers
 # what takes the time of a multiplication in a product with F, which waits for memory
 SPEED = 4.0  # operations of a front
 SHARED = 5.0  # multiplications with a matrix that many subdomains share
+WITH_PRECONDITIONER = 2.0  # the Dirichlet preconditioner has matrices of the size of F's
 # multiplications in the time that a front takes however small, and a product with what QPs do by it
 EACH_FRONT, EACH_PRODUCT = 4e5, 8e5
 
@@ -65,7 +66,7 @@ class GluingElimination:
         shared = self._of_subdomains(lambda s, c: SHARED if c.shared else 1.0)
         work = sum(len(of) ** 2 / factor for of, factor in zip(self._numbers, shared))
         fronts = self._operations(group) / SPEED + EACH_FRONT * self._count
-        self._product = work + EACH_PRODUCT
+        self._product = WITH_PRECONDITIONER * work + EACH_PRODUCT
         self.price = fronts / self._product
 
     def compliance(self) -> np.ndarray:

@@ -58,7 +58,8 @@ class FixedPoint:
         secants, last, before = self.bodies.secants(), np.inf, trace.iterations
         first, motion = x, load.weights[self.operator.structure.patterns :].copy()
         products, taken, eliminates = self.operator.products, 0, self.search.stiff
-        if trace.shortcut and (found := self.shortcut.solution(index, load, x, trace)):
+        if self.shortcut.begins(trace, x, gradient) and (
+                found := self.shortcut.solution(index, load, x, trace)):
             return found
         while not trace.fallback:
             trace.iterations += 1

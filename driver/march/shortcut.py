@@ -5,7 +5,8 @@ before and takes some products with F: so many are to come until the tolerance. 
 gluing rows and corners (feti/fronts.py) has a price in products that follows from sizes alone;
 then Newton's method on the contact rows (P. Alart, A. Curnier, CMAME 92 (1991) 353-375) ends in a
 solution at once, or after successive approximations on these rows alone. What is cheaper is done.
-It is decided from counts, in every step anew: neither ranks nor an interruption change it.
+Once eliminated, they are so for the steps to come, which begin with Newton's method. It is decided
+from counts and from what a checkpoint keeps: neither ranks nor an interruption change it.
 """
 
 import numpy as np
@@ -29,10 +30,11 @@ PASSES = 3  # of Newton's method: products show what rounding has left
 
 
 class Shortcut:
-    """Of one fixed point. Collective."""
+    """Of one fixed point. `made`: gluing rows and corners have been eliminated. Collective."""
 
     def __init__(self, qp: FrictionQP, slip: SlipState, condensation: Condensation):
         self.qp, self.rows, self.slip, self.condensation = qp, qp.rows, slip, condensation
+        self.made = False
 
     @property
     def possible(self) -> bool:
@@ -47,6 +49,17 @@ class Shortcut:
             return False
         friction = self.condensation.of_tangential(self.rows.coefficient)
         return friction.max(initial=0.0) <= DOUBTFUL_FRICTION
+
+    def begins(self, trace: Trace, x: np.ndarray, gradient: np.ndarray) -> bool:
+        """Whether approximations are to start from its solution.
+
+        Not where x (owned,) and its `gradient` are one: loads that only grow may have predicted it.
+        """
+        known = self.made if trace.shortcut is None else trace.shortcut
+        if not known or not self.possible:
+            return False
+        residual = projected_gradient(x, gradient, *self.rows.limits(len(x), x))
+        return self.qp.size(residual) > self.qp.tol
 
     def pays(self, trace: Trace, x: np.ndarray, target: float, spent: int, taken: int) -> bool:
         """Whether it is cheaper than to go on until changes are below `target`.
@@ -66,14 +79,17 @@ class Shortcut:
         return to_come > LEAST and self.possible and to_come > self._price(x)
 
     def _price(self, x: np.ndarray) -> float:
-        """Products in the time of the elimination and of Newton's factorizations near x."""
+        """Products in the time of the elimination, unless it is made, and of Newton's
+        factorizations near x.
+        """
         bound = self.rows.friction_bound(x)
         stick = np.zeros(len(x))
         stick[self.rows.normal[x[self.rows.normal] > 0]] = 1.0
         stick[self.rows.tangential[np.abs(x[self.rows.tangential]) < bound]] = 1.0
         free = self.condensation.gather(stick).sum()
         elimination = self.condensation.elimination
-        return elimination.price + elimination.products(FACTORIZATIONS * free**3 / 3)
+        newton = elimination.products(FACTORIZATIONS * free**3 / 3)
+        return newton if self.made else elimination.price + newton
 
     def solution(self, index: int, load: Load, x: np.ndarray, trace: Trace) -> tuple | None:
         """Multipliers (owned,), gradient and rows that slide of the solution near x; None if none.
@@ -95,6 +111,7 @@ class Shortcut:
         rows, qp = self.rows, self.qp
         for number in range(PASSES + 1):
             x, gradient = self.condensation.glued(load, x)
+            self.made = True
             bound = rows.friction_bound(x)
             residual = projected_gradient(x, gradient, *rows.limits_at(len(x), bound))
             if number and qp.size(residual) <= qp.tol:

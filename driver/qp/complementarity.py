@@ -13,6 +13,8 @@ MANY = 9  # solutions after which no more are looked for
 NEWTON_STEPS = 50
 LAST = 4  # iterates of which one is the solution, if any was found
 APPROXIMATIONS = 8  # of friction bounds, each a start for Newton's method
+# parts of the rigidity by which movements count in Newton's method, where the one before failed
+PARTS = (1.0, 0.1, 0.01)
 BRIEFLY = 8  # Newton steps from one of many starts
 NEAR = 10  # nodes whose states differ from a solution's at most for a start to be near it
 A_FEW = 4  # nodes that may change their states again and again before Newton's method settles
@@ -55,8 +57,18 @@ def approached(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
     Where pressure and friction overtake one another Newton's method goes to and fro between the
     same states. An approximation solves the problem with the friction bounds of the one before (J.
     Haslinger, I. Hlavacek, J. Necas, Handbook of Numerical Analysis IV (1996) 313-485): one or two
-    are near enough. None if no start leads to a solution, or an approximation is not found.
+    are near enough. It may go to and fro in these, too, where a whole surface turns from sliding
+    one way to the other: each node is rigid, all of them together are soft, and a movement that
+    counts by the rigidity of one is too much. So it counts by less then (the constant c of S.
+    Hueeber, G. Stadler, B. Wohlmuth, SIAM J. Sci. Comput. 30 (2008) 572-596). None if no start
+    leads to a solution.
     """
+    solutions = (_approached(problem.softer(part), start) for part in PARTS)
+    return next((z for z in solutions if z is not None), None)
+
+
+def _approached(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
+    """As `approached`, with one augmentation; None also if an approximation is not found."""
     z, given = start, np.zeros(problem.m)
     for _ in range(APPROXIMATIONS):
         solution = newton(problem, z)

@@ -79,6 +79,7 @@ class CoulombProblem:
         self.n, self.products = self.rows - self.m, 0
         self.bilateral = np.broadcast_to(self.bilateral, self.n)
         self.rigidity = 1.0 / np.diag(self.compliance)  # force per length, the scale of rows
+        self.augmentation = self.rigidity  # by which movements count in what states are to be
         if self.motions is None:
             self.motions, self.balance = np.zeros((self.rows, 0)), np.zeros(0)
         self.k = self.motions.shape[1]
@@ -104,6 +105,15 @@ class CoulombProblem:
             other._set_offset(offset)
         return other
 
+    def softer(self, part: float) -> "CoulombProblem":
+        """The same problem, in which movements count by `part` of the rigidity in `states`.
+
+        The less they do, the more nodes stick before they slide back.
+        """
+        other = self.under(self.load, self.coefficient)
+        other.augmentation = part * self.rigidity
+        return other
+
     def whole(self, x: np.ndarray) -> np.ndarray:
         """z with the multipliers x (n + m,) and motions zero."""
         return np.append(x, np.zeros(self.k))
@@ -116,9 +126,9 @@ class CoulombProblem:
 
     # ---- states --------------------------------------------------------------------------------
     def states(self, z: np.ndarray, movement: np.ndarray | None = None) -> np.ndarray:
-        """(n,) states that the augmented multipliers x + rigidity * movement fall into."""
+        """(n,) states that the augmented multipliers x + augmentation * movement fall into."""
         movement = self.movement(z) if movement is None else movement
-        trial = z[: self.rows] + self.rigidity * movement
+        trial = z[: self.rows] + self.augmentation * movement
         normal, tangential = trial[: self.n], trial[self.n :]
         touching = np.where((normal > 0) | self.bilateral, STICK, OPEN)
         bound = self.coefficient * np.abs(normal)[self.pair]

@@ -58,10 +58,10 @@ def test_what_is_restored_is_what_was_kept(built, steps_of):
     """
     problem = built(loading="nonmonotone", cells=2, steps=3)
     kept, _ = steps_of(problem)
-    kept.doubtful = True
+    kept.doubtful = kept.fixed_point.shortcut.made = True
     kept.initial[:], kept.initial_weights[:] = 0.5, 0.25
     state = copy.deepcopy(snapshot(kept))
-    assert state["doubtful"] and state["history"]["steps"] == 3
+    assert state["doubtful"] and state["eliminated"] and state["history"]["steps"] == 3
     fresh = QuasistaticSolver(problem.operator, Effects(problem.manifest),
                               problem.manifest.factors, kept.times, Settings())
     assert not same(snapshot(fresh), state)
@@ -112,6 +112,7 @@ CASES = {
     "slip law": ("SCENE=punch", "LOADING=", "CELLS="),
     "wear": ("SCENE=worn-pad", "LOADING=", "CELLS=3"),
     "cycles": ("SCENE=walking", "LOADING=", "CELLS=2", "STEPS=3", "CYCLES=30 jump 5%"),
+    "condensed": ("SCENE=tutorial", "LOADING=", "CELLS=", "H=0.8", "ELEMENT=P2", "SUBDOMAINS=8"),
     "several boundaries": ("SCENE=bracket", "LOADING=", "CELLS=", "H=8", "SUBDOMAINS=4"),
     "corners": ("SCENE=hard/hole", "LOADING=", "CELLS="),
     "floating stack": ("SCENE=stack", "LOADING=", "CELLS=", "H=0.25", "SUBDOMAINS=3")}

@@ -81,6 +81,7 @@ def decided(built, steps_of):
         return way.pays(trace, np.zeros(problem.operator.owned), target, spent,
                         spent / each)
 
+    decide.way = way
     return decide
 
 
@@ -123,8 +124,42 @@ def test_the_price_counts_free_rows(built, steps_of):
         np.abs(x[rows.tangential]) < rows.friction_bound(x)).sum()
     assert free > 20
     newton = elimination.products(shortcut.FACTORIZATIONS * free**3 / 3)
+    way.made = False
     assert way._price(x) == pytest.approx(elimination.price + newton, rel=1e-12)
     assert way._price(0 * x) == elimination.price
+    way.made = True
+    assert way._price(x) == pytest.approx(newton, rel=1e-12) and way._price(0 * x) == 0
+
+
+def test_steps_after_an_elimination_begin_with_newton(built, steps_of, monkeypatch):
+    """Four products each, two for the gluing multipliers and two that show the residual, where they
+    took sixty; the answer is the same.
+    """
+    problem = built("tutorial", **DRAGGED_PROBLEM | {"subdomains": 8, "steps": 6})
+    solver, short = steps_of(problem)
+    assert solver.fixed_point.shortcut.made
+    assert [step.fixed_point_iterations for step in short] == [3, 0, 0, 0, 0, 0]
+    assert max(step.products for step in short[1:]) <= 6
+    monkeypatch.setattr(Shortcut, "begins", lambda *_: False)
+    monkeypatch.setattr(shortcut, "LEAST", np.inf)
+    _, long = steps_of(problem)
+    assert sum(step.products for step in long) > 3 * sum(step.products for step in short)
+    for one, other in zip(short, long):
+        np.testing.assert_allclose(one.multipliers, other.multipliers, rtol=0,
+                                   atol=1e-5 * np.abs(other.multipliers).max())
+
+
+@pytest.mark.parametrize("made, tried, begins", [
+    (False, None, False), (True, None, True), (True, False, False), (False, True, True)])
+def test_where_a_search_begins_with_newton(decided, made, tried, begins):
+    """After an elimination, or where the step's last search ended so; not where it failed in this
+    step, nor where the start is a solution.
+    """
+    way = decided.way
+    way.made, zero = made, np.zeros(way.qp.operator.owned)
+    trace = Trace(shortcut=tried)
+    assert way.begins(trace, zero, zero + 1.0) == begins
+    assert not way.begins(trace, zero, zero)
 
 
 @pytest.mark.parametrize("changed", [

@@ -476,12 +476,30 @@ def test_approximations_lead_out_of_a_cycle_of_states():
 
 
 def test_a_cycle_without_friction_is_not_approached_again(monkeypatch):
-    """There are no bounds to approximate: Newton's method is tried once."""
+    """There are no bounds to approximate: Newton's method is tried once for each augmentation."""
     tried = []
     monkeypatch.setattr(complementarity, "newton", lambda *_: tried.append(1))
     problem = random_problem(1, 4)
     assert approached(problem.under(problem.load, np.zeros(4)), np.zeros(8)) is None
-    assert len(tried) == 1
+    assert len(tried) == len(complementarity.PARTS)
+
+
+@pytest.mark.parametrize("nodes", [8, 20])
+@pytest.mark.parametrize("together", [1.0, 10.0])
+def test_a_surface_that_turns_back_is_followed_by_softer_movements(nodes, together, monkeypatch):
+    """All nodes slid forward and are dragged back: each is rigid, but together they give way by
+    `together` more. Counted by the rigidity of one a movement throws them to and fro.
+    """
+    distance = np.abs(np.subtract.outer(np.arange(nodes), np.arange(nodes)))
+    near, none = np.exp(-distance), np.zeros((nodes, nodes))
+    compliance = np.block([[near, none], [none, near + together]])
+    pressure = np.linspace(1.0, 2.0, nodes)
+    forth = np.append(pressure, 0.4 * pressure)
+    back = np.append(pressure, -0.2 * pressure)  # all nodes stick: there is no slip to be undone
+    problem = CoulombProblem(compliance, compliance @ back, np.full(nodes, 0.4), np.arange(nodes))
+    np.testing.assert_allclose(approached(problem, forth), back, rtol=1e-9)
+    monkeypatch.setattr(complementarity, "PARTS", (1.0,))
+    assert approached(problem, forth) is None
 
 
 @pytest.mark.parametrize("friction, pressed, sheared, isolated", [
