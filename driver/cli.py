@@ -12,6 +12,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from .timing import STARTED  # the earlier the better: users wait for imports, too
 from . import environment, options
 from .arguments import parse_pairs
 from .errors import DriverError, InputError, report_error, shortage, write_error
@@ -31,7 +32,7 @@ def run(words: list[str]) -> None:
     """One run; without SCENE the list of scenes."""
     pairs = parse_pairs(words)
     if "scene" in pairs:
-        _execute(pairs)
+        _execute(pairs, STARTED)
         return
     print("make run SCENE=<name or path to an .edp>; the scenes that ship:")
     for name, text in freefem.scenes().items():
@@ -44,16 +45,16 @@ def model(words: list[str]) -> None:
     options.read("model", pairs)
     pairs["scene"] = "model"
     if {"loading", "out"} <= set(pairs):
-        _execute(pairs)
+        _execute(pairs, STARTED)
         return
     base = pairs.get("out", str(options.RESULTS / "model"))
     for loading in [pairs["loading"]] if "loading" in pairs else LOADINGS:
         _execute({**pairs, "loading": loading, "out": f"{base}-{loading}"})
 
 
-def _execute(pairs: dict[str, str]) -> None:
+def _execute(pairs: dict[str, str], since: float | None = None) -> None:
     request = Run.from_pairs(pairs)
-    summary = execute(request)
+    summary = execute(request, since)
     from .runs.outcome import describe
 
     print(describe(summary, request.out))

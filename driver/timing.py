@@ -3,6 +3,8 @@
 import time
 from collections.abc import Callable
 
+STARTED = time.perf_counter()  # when this process had just begun to import the driver
+
 
 class Laps:
     """Wall time by stage: a call with a stage's name takes the seconds since the last call."""

@@ -126,7 +126,9 @@ class Summary:
         "output": "contact quantities and fields",
         "validity": "checks of the model's assumptions",
         "energy_error": "error in the energy norm", "estimates": "error budget",
-        "figures": "figures and animation", "total": "the sum",
+        "figures": "figures and animation",
+        "start": "programs, packages and ranks starting, and what no other stage counts",
+        "total": "the sum: what the user waits for",
         "export_cycles": "FreeFEM in refinement cycles",
         "solve_cycles": "all else in refinement cycles"})
     effects_ledger: dict = entry(

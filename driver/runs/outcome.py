@@ -39,6 +39,6 @@ def _seconds(seconds: dict) -> str:
     """Seconds of the stages in words."""
     stages = {"FreeFEM": "export", "setup": "setup", "solve": "solve",
               "other solutions": "uniqueness", "output": "output", "error estimates": "estimates",
-              "figures": "figures"}
+              "figures": "figures", "start": "start"}
     parts = [f"{title} {seconds[name]:.2f}" for title, name in stages.items() if name in seconds]
     return f"{seconds['total']:.2f} s ({', '.join(parts)})"

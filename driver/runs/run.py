@@ -96,12 +96,13 @@ def search():
 
 # ---- the stages of a run -------------------------------------------------------------------------
 
-def execute(run: Run) -> dict:
+def execute(run: Run, since: float | None = None) -> dict:
     """Export, solve, draw; the summary. Raises DriverError; `run.out` changes only as a whole.
 
     Where something else than results has come to be at `run.out` meanwhile, it becomes a place
-    beside that.
+    beside that. Seconds count from `since`, a time.perf_counter(), by default from now on.
     """
+    since = time.perf_counter() if since is None else since
     with Workspace(run.out) as place:
         hosts.check(place.path, run.front_ranks)
         cycles = _refine(run, place)
@@ -112,7 +113,7 @@ def execute(run: Run) -> dict:
             status, reason = _cycle(run, place, place.path, cycles, request)
         if not (place.path / "summary.json").exists():
             raise error_of(status, reason)
-        _complete(run, place.path, cycles)
+        _complete(run, place.path, cycles, since)
         out = _publish(place, converged=not status)
         if status:
             raise error_of(status, f"{reason}{PARTIAL}{shown(out)}")
@@ -178,8 +179,11 @@ def _resume(run: Run, place: Workspace, work: Path, identity: dict) -> None:
         _say(run, f"starts over; there is an interrupted run, but {reason}")
 
 
-def _complete(run: Run, work: Path, cycles: list[Path]) -> None:
-    """Table of the refinement cycles and figures; what only the stages needed goes."""
+def _complete(run: Run, work: Path, cycles: list[Path], since: float) -> None:
+    """Table of the refinement cycles, figures, page; what only the stages needed goes.
+
+    The user has waited `since`, a time.perf_counter().
+    """
     if cycles:
         refinement.report(work, cycles)
         for cycle in cycles:
@@ -191,6 +195,7 @@ def _complete(run: Run, work: Path, cycles: list[Path]) -> None:
         _animate(work)
     if run.figures or run.animate:
         _count(work, "figures", time.perf_counter() - clock)
+    _count_rest(work, since)
     _try(lambda: _report(work), work, "report.html could not be written: {}; 'make report' "
          "writes it from the results")
     (work / "export" / "freefem.log").rename(work / "freefem.log")
@@ -204,6 +209,15 @@ def _count(work: Path, stage: str, spent: float) -> None:
     total = summary["seconds"].pop("total") + spent
     summary["seconds"] |= {stage: spent, "total": total}
     write_json(work / "summary.json", summary)
+
+
+def _count_rest(work: Path, since: float) -> None:
+    """Count what no stage does: programs, packages and ranks take time to start.
+
+    Seconds before an interruption are among those of the stages, and more than those `since`.
+    """
+    stages = json.loads((work / "summary.json").read_text())["seconds"]["total"]
+    _count(work, "start", max(0.0, time.perf_counter() - since - stages))
 
 
 def _draw(work: Path) -> None:

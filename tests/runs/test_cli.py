@@ -304,7 +304,7 @@ def test_summary_values(finished):
     assert s["parameters"] == {**s["parameters"], **parameters}
     seconds = dict(s["seconds"])
     # the user waits for the figures, too
-    assert seconds["figures"] > 0
+    assert seconds["figures"] > 0 and seconds["start"] > 0
     assert seconds.pop("total") == pytest.approx(sum(seconds.values()))
 
 
