@@ -1,7 +1,8 @@
 """Scenes on meshes of their own against one factorization: whole processes, memory, forces equal.
 
 The peer is the scene's linear problem in plain FreeFEM (direct.py) on the same mesh. The suite
-solves the same load case with contact and friction.
+solves the same load case with contact and friction, and where the scene has a history that, in its
+own steps, against the same single load case.
 """
 
 import json
@@ -24,6 +25,7 @@ SIZES = (20_000, 85_000, 340_000)
 LARGE = 1_000_000
 ELEMENTS = ("P1", "P2")
 TARGET = "<= 1.5"
+HISTORY = "<= 3"  # a history of 20 steps
 ONCE = 200_000  # dofs from which a time is taken once
 NEAR = 0.05  # of the wanted dofs
 AGREE = 1e-8  # of the largest displacement: both are solutions of the same equations
@@ -56,8 +58,9 @@ def _compared(bench: Workbench, case: tuple, place: Path, curves: dict) -> None:
     """Both processes in turn at one size."""
     scene, without, element, mesh_size, dofs = case
     words = [f"WITHOUT={','.join(without)}"] * bool(without)
-    run = driver("run", f"SCENE={scene}", f"H={mesh_size!r}", f"ELEMENT={element}",
-                 f"OUT={place / 'run'}", "RESUME=no", *words, *BARE)
+    whole = driver("run", f"SCENE={scene}", f"H={mesh_size!r}", f"ELEMENT={element}",
+                   f"OUT={place / 'run'}", "RESUME=no", *BARE)
+    run = [*whole, *words]
     peer, options = direct.command(freefem.find_scene(scene), element, mesh_size, place / "direct")
     peak = {"driver": [], "direct": []}
 
@@ -69,11 +72,16 @@ def _compared(bench: Workbench, case: tuple, place: Path, curves: dict) -> None:
         peak[name].append(memory)
         return spent
 
-    times = in_turn({"driver": lambda: taken("driver", run),
-                     "direct": lambda: taken("direct", peer, **options)},
-                    REPEATS if dofs < ONCE else 1)
+    ways = {"driver": lambda: taken("driver", run),
+            "direct": lambda: taken("direct", peer, **options)}
+    if "quasistatic" in without:
+        ways["history"] = lambda: child(whole)[0]
+    times = in_turn(ways, REPEATS if dofs < ONCE else 1)
     title = f"{scene}, {element}, {dofs} dofs"
     curves["dofs"].append(dofs)
+    if "history" in times:
+        spent = times.pop("history")
+        bench.add(f"{title}: history over direct", ratios(spent, times["direct"]), "", HISTORY)
     for name, values in times.items():
         bench.add(f"{title}: {name}", values, "s")
         curves[name].append(median(values))
