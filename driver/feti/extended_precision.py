@@ -29,11 +29,11 @@ class Refinement:
         self.coarse, self.recovery = coarse, recovery
         self._stiffness = [_split(c.K.astype(LONG)) for c in classes]
 
-    def rows(self, rows: np.ndarray, weights: np.ndarray, fields: list[np.ndarray]) -> np.ndarray:
-        """Local B u under sum_k weights_k f_k - B' lambda, stacked and unsigned as `rows` are.
+    def fields(self, rows: np.ndarray, weights: np.ndarray, fields: list[np.ndarray]) -> list:
+        """Displacements u (dofs,) of the subdomains under sum_k weights_k f_k - B' lambda, refined.
 
-        `rows` are stacked, signed local multipliers, `weights` (patterns,), `fields` (dofs,) the
-        displacements u of every subdomain that are refined.
+        `rows` are stacked, signed local multipliers, `weights` (patterns,), `fields` (dofs,) those
+        that are to be refined.
         """
         fields = [u.astype(LONG) for u in fields]
         springs, self.coarse.rho = self.coarse.rho, np.zeros(len(self.coarse.rho))
@@ -43,7 +43,7 @@ class Refinement:
                 fields = [sum(of_field) for of_field in zip(fields, *parts)]
         finally:
             self.coarse.rho = springs
-        return self._moved(rows, fields)
+        return fields
 
     def _residual(self, rows: np.ndarray, weights: np.ndarray, fields: list) -> list[np.ndarray]:
         """f - K u (dofs,) of every subdomain, zero where displacements are prescribed."""
@@ -82,8 +82,10 @@ class Refinement:
         return (self.recovery.displacements(*nothing, rest, None),
                 self.recovery.displacements(*nothing, None, self.coarse.solve(whole)))
 
-    def _moved(self, rows: np.ndarray, fields: list[np.ndarray]) -> np.ndarray:
-        """Local B u of `fields`, less what rows that yield give way by."""
+    def moved(self, rows: np.ndarray, fields: list[np.ndarray]) -> np.ndarray:
+        """Local B u of `fields`, stacked and unsigned as `rows` are, less what rows that yield give
+        way by.
+        """
         moved = np.zeros(len(rows))
         for c in self.classes:
             of_members = moved[c.rows].reshape(len(c.members), -1)

@@ -181,15 +181,23 @@ class DualOperator(DualProblem):
         if self.levels == 1 or self.modes:
             return super().gradient(multipliers, d, weights)
         self.products += 1 + PASSES
-        if self._refinement is None:
-            self._refinement = Refinement(self.structure, self.classes, self.coarse, self._recovery)
-        rows, factors = self._signed_rows(multipliers), weights[: self.structure.patterns]
-        corner = self._corner_displacements(rows, factors)
-        fields = self._recovery.displacements(rows, factors, None, corner)
-        moved = self._refinement.rows(rows, factors, fields)
+        factors = weights[: self.structure.patterns]
+        fields = self._by_forces(multipliers, factors, refined=True)
+        moved = self._refinement.moved(self._signed_rows(multipliers), fields)
         elastic = self.vectors.assemble(moved * self.vectors.sign)
         total = (self.elastic_response(factors) - d) - elastic
         return total if self.softness is None else total + self.softness * multipliers
+
+    def _by_forces(self, multipliers: np.ndarray, weights: np.ndarray, refined: bool) -> list:
+        """Displacements (dofs,) of every local subdomain, by factors or `refined`."""
+        rows = self._signed_rows(multipliers)
+        corner = self._corner_displacements(rows, weights)
+        fields = self._recovery.displacements(rows, weights, None, corner)
+        if not refined:
+            return fields
+        if self._refinement is None:
+            self._refinement = Refinement(self.structure, self.classes, self.coarse, self._recovery)
+        return self._refinement.fields(rows, weights, fields)
 
     def dot(self, a: np.ndarray, b: np.ndarray) -> float:
         """Global scalar product: partial sums by subdomain, added in their order."""
@@ -260,26 +268,24 @@ class DualOperator(DualProblem):
         return self.coarse.whole(corner)
 
     def deformations(self, multipliers: np.ndarray, weights: np.ndarray,
-                     forces: list | None = None) -> list[np.ndarray]:
+                     forces: list | None = None, refined: bool = False) -> list[np.ndarray]:
         """Displacements w (dofs,) of every local subdomain less the travel, see travel.py.
 
-        For given multipliers and pattern factors. `forces`: a (dofs,) array for every local
-        subdomain that acts besides the patterns. Without them the latest fields are kept, for
+        For given multipliers and pattern factors; `refined` as those of `gradient`. `forces`: a
+        (dofs,) array for every local subdomain that acts besides the patterns. Without them the latest fields are kept, for
         readers only: a step's residuals need them, and its results do again. Collective.
         """
         if forces is not None:
             return self._recovery.displacements(self._signed_rows(multipliers), weights, forces,
                                                 None)
-        known = self._latest is not None and all(map(np.array_equal, self._latest[:2],
-                                                     (multipliers, weights)))
+        known = self._latest is not None and all(map(np.array_equal, self._latest[:3],
+                                                     (multipliers, weights, refined)))
         if not self.minimum(float(known)):
-            rows = self._signed_rows(multipliers)
-            corner = self._corner_displacements(rows, weights)
-            fields = self._recovery.displacements(rows, weights, None, corner)
+            fields = [u.astype(float) for u in self._by_forces(multipliers, weights, refined)]
             for u in fields:
                 u.flags.writeable = False
-            self._latest = multipliers.copy(), weights.copy(), fields
-        return self._latest[2]
+            self._latest = multipliers.copy(), weights.copy(), refined, fields
+        return self._latest[-1]
 
     def displacements(self, multipliers: np.ndarray, weights: np.ndarray,
                       forces: list | None = None) -> list[np.ndarray]:

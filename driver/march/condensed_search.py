@@ -90,6 +90,7 @@ class CondensedSearch:
             return None
         x, gradient, self.rows.coefficient, motion = answer
         self._shift(load, motion)
+        trace.refined = self.refines
         return x, gradient, self.rows.sliding(x, self.rows.friction_bound(x))
 
     def _search(self, index: int, load: Load, x, trace: Trace, rtol: float) -> tuple | None:

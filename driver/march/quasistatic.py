@@ -266,7 +266,7 @@ class QuasistaticSolver:
             x = self.corners.end_step(x, gradient)
         return Step(index, float(self.times[index]), load.weights, x, gradient, rows.states(x),
                     rows.law_bound(x), trace.iterations, op.products - products,
-                    trace.contraction, residuals, moved), error
+                    trace.contraction, residuals, moved, trace.refined), error
 
     def _settled(self, index: int, load: Load, x, gradient, sliding, trace: Trace):
         """As `_earned`, with bodies without support where their forces move them least."""

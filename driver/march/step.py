@@ -28,6 +28,7 @@ class Step:
     contraction: float  # mean ratio of successive changes of the fixed point, NaN if there was one
     residuals: dict
     moved: np.ndarray  # last change of the multipliers, to the bound of their own pressures
+    refined: bool = False  # displacements that it is a solution by have been refined
     cycle: int = 0  # number of the cycle that ends with it, if one does
     skips: int = 0  # cycles that are jumped over after it ...
     grown: tuple = ()  # ... and names of what goes on growing in them, as in march/cycles.py
@@ -126,6 +127,7 @@ class Trace:
     fallback: bool = False  # successive approximations did not contract
     exact: bool = False  # QPs to the tolerance: multipliers answer violently to residuals
     shortcut: bool | None = None  # whether the condensed problem gave a solution, if it was tried
+    refined: bool = False  # the latest gradient is that of refined displacements
 
     def again(self) -> None:
         """Forget that they did not contract."""

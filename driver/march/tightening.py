@@ -41,7 +41,8 @@ class Tightening:
         self.of_friction = self.of_qp
         self.motion, self.first = load.weights[self.operator.structure.patterns :].copy(), None
         self.best, self.answer = np.inf, None  # the worst residual over what was asked for, so far
-        self.rounded = None  # place and answer that what products round off admits, and its scales
+        # place and answer that what products round off admits, its scales, whether it is refined
+        self.rounded = None
         # what ended the search for a fixed point, if products hide loads by rounding there; what
         # ended it before the condensed problem was tried
         self.stop, self.hidden, self.why = None, False, None
@@ -69,6 +70,7 @@ class Tightening:
     def _found(self, x, gradient, sliding) -> tuple:
         """The next state. Raises Unfinished."""
         self.qp.aim(self.of_qp, x)
+        self.trace.refined = False
         rtol = max(self.of_friction * self.march.settings.friction_rtol, ROUNDED)
         return self.find(self.index, self.load, x, gradient, sliding, self.trace, rtol)
 
@@ -128,7 +130,7 @@ class Tightening:
             likely = residuals.of(load, x, gradient)
             if residuals.enough(likely):
                 self.rounded = (self.fixed_point.place(load), (x, gradient, moved, likely),
-                                vars(self.march.scales).copy())
+                                vars(self.march.scales).copy(), self.trace.refined)
         self.best = min(self.best, worst)
         stays = NotConverged(
             f"{step_name(self.index)}: the {name} residual stays at {found[name]:.1e}, above the "
@@ -173,7 +175,7 @@ class Tightening:
     def _back_to_rounded(self) -> tuple:
         """The answer that rounding of products admits; corners are decided by its scales, too.
         """
-        place, answer, scales = self.rounded
+        place, answer, scales, self.trace.refined = self.rounded
         vars(self.march.scales).update(scales)
         return self.fixed_point.back(self.load, place, answer)
 

@@ -41,7 +41,7 @@ class Record:
     def add(self, step: Step) -> tuple[list[np.ndarray], dict[str, np.ndarray]]:
         """Displacements (dofs,) of the rank's subdomains, less travel, and the contact state."""
         self.operator.follow(step)
-        fields = self.operator.deformations(step.multipliers, step.weights)
+        fields = self.operator.deformations(step.multipliers, step.weights, refined=step.refined)
         state = self.contact.evaluate(step, fields)
         boundary = self.contact.boundary
         self.gaps.append(boundary.at(step.time).gap)

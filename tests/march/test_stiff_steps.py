@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from driver.results.record import Record
+
 TIGHT = {"rtol": 1e-10, "friction_rtol": 1e-8}
 # a stiff half on a soft one, held by nothing but soft springs and by contact
 LOOSE = """include "scene.idp"
@@ -73,3 +75,28 @@ def test_stiff_parts_on_soft_ones_have_the_same_forces_at_any_cut(built, steps_o
     assert solved(built, steps_of, named_scene, "loose", 1).any()
     one, other = (solved(built, steps_of, named_scene, "wedge", cut) for cut in (0, 1))
     assert one == pytest.approx(other, abs=2e-6 * np.abs(one).max())
+
+
+def test_reported_displacements_are_those_that_residuals_are_of(built, steps_of):
+    """Refined ones where the step was solved by them: of stiff pieces that hang on soft ones, which
+    deform by 7e-10, products leave gaps of more than a millionth of that at
+    nodes that press.
+    """
+    problem = built(scene="hard/block", jump=1e6, board="pieces", subdomains="4x2", cells=4,
+                    steps=1)
+    solver, (step,) = steps_of(problem, **TIGHT)
+    assert step.refined and solver.failure is None
+    operator, contact = problem.operator, problem.structure.contact
+    pressing = contact.gid[contact.normal_row >= 0][step.multipliers[
+        contact.normal_row[contact.normal_row >= 0]] > 0]
+
+    def gap(refined: bool) -> float:
+        """Largest distance of nodes that press from the foundation, along y."""
+        fields = operator.deformations(step.multipliers, step.weights, refined=refined)
+        return max(np.abs(u.reshape(-1, 2)[np.isin(sub.node_gid, pressing), 1]).max(initial=0.0)
+                   for u, sub in zip(fields, problem.structure.subdomains))
+
+    assert gap(refined=True) <= 1e-6 * 7e-10 < gap(refined=False)
+    written = Record(operator, solver)
+    _, state = written.add(step)
+    assert np.abs(state["u_n"][state["sigma_n"] < 0]).max() <= 1e-6 * 7e-10
