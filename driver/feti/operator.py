@@ -272,8 +272,9 @@ class DualOperator(DualProblem):
         """Displacements w (dofs,) of every local subdomain less the travel, see travel.py.
 
         For given multipliers and pattern factors; `refined` as those of `gradient`. `forces`: a
-        (dofs,) array for every local subdomain that acts besides the patterns. Without them the latest fields are kept, for
-        readers only: a step's residuals need them, and its results do again. Collective.
+        (dofs,) array for every local subdomain that acts besides the patterns. Without them the
+        latest fields are kept, for readers only: a step's residuals need them, and its results do
+        again. Collective.
         """
         if forces is not None:
             return self._recovery.displacements(self._signed_rows(multipliers), weights, forces,
