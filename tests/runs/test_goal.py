@@ -11,6 +11,7 @@ import pytest
 from test_scenes_hertz import NU, hertz
 
 from driver.arguments import SHARE
+from driver.contact import equilibrium
 from driver.errors import InputError, NoSolution
 from driver.estimates import successive
 from driver.estimates.levels import Levels
@@ -131,10 +132,12 @@ def test_nothing_is_solved_beyond_the_discretization_error(solved):
                                                      ("slip", None, 6)])
 def test_a_search_takes_few_runs(monkeypatch, tmp_path, quantity, element, most):
     """Three meshes, each exported once and twice as fine as the one before, of the elements that
-    suit the quantity, and one estimate. Runs on the middle one find steps and tolerances.
+    suit the quantity, and one estimate. Runs on the middle one find steps and tolerances. Whether
+    the bodies can rest is asked once a run, as their load stays what it is.
     """
-    exports, runs, estimates = [], [], []
+    exports, runs, estimates, programs = [], [], [], []
     export, march = Levels.exported, Levels._run  # pylint: disable=protected-access
+    rest = equilibrium._solve  # pylint: disable=protected-access
 
     def exported(self, place, changes, *rest):
         exports.append(changes)
@@ -144,10 +147,15 @@ def test_a_search_takes_few_runs(monkeypatch, tmp_path, quantity, element, most)
         runs.append(problem)
         return march(self, problem, *rest)
 
+    def rests(*law):
+        programs.append(law)
+        return rest(*law)
+
     def estimated(*given):
         estimates.append(given)
         return successive.mesh_parts(*given)
 
+    monkeypatch.setattr(equilibrium, "_solve", rests)
     monkeypatch.setattr(goal, "mesh_parts", estimated)
     monkeypatch.setattr(Levels, "exported", exported)
     monkeypatch.setattr(Levels, "_run", marched)
@@ -156,7 +164,7 @@ def test_a_search_takes_few_runs(monkeypatch, tmp_path, quantity, element, most)
          "fields": "no", "quiet": "yes", "out": str(tmp_path / "out")}))
     sizes = {"coarsening": 8}, {"h": 8.0}, {"h": 4.0}
     assert exports == [size | ({"element": element} if element else {}) for size in sizes]
-    assert len(runs) <= most and len(estimates) == 1
+    assert len(runs) <= most and len(estimates) == 1 and len(programs) == len(runs)
     assert summary["accuracy"]["levels"] == 3 and summary["accuracy"]["reached"] <= 0.01
 
 
