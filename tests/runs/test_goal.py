@@ -89,7 +89,7 @@ def test_friction_remembers_the_way_where_twice_the_load_is_not_twice_the_answer
 
 @pytest.mark.slow
 def test_a_finer_request_costs_more_and_settings_can_be_repeated_by_hand(solved):
-    coarse, fine = (solved("model", loading="nonmonotone", accuracy=a) for a in ("10%", "1%"))
+    coarse, fine = (solved("model", loading="nonmonotone", accuracy=a) for a in ("10%", "0.3%"))
     assert fine.summary["sizes"]["primal_dofs"] > 2 * coarse.summary["sizes"]["primal_dofs"]
     settings = {name.lower(): value for name, value in fine.summary["accuracy"]["settings"].items()}
     tolerances = {"rtol", "friction_rtol", "primal_rtol"}
