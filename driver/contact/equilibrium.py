@@ -13,6 +13,10 @@ Kanno (2011), ch. 1.
 Where contact is bilateral lambda_n = p - q with p, q >= 0, and F |lambda_n| becomes F (p + q). That
 admits friction under p = q, without pressure, which one node has not. But nodes that press and pull
 against one another have it: the answer "cannot" stays certain.
+
+Scaled to forces of order one it is the same program for all loads that grow in proportion, if the
+friction that pressure does not bound does so as well: it is solved once for steps that follow each
+other so.
 """
 
 import numpy as np
@@ -23,14 +27,35 @@ from ..feti.free_motions import STILL
 from .rows import ContactRows
 
 SLACK = 1e-7  # relative imbalance that counts as balanced: the solver's own tolerance
+ROUNDING = 1e-12  # by which programs may differ that are the same
+
+
+class Latest:
+    """The program that was solved last, and its answer."""
+
+    def __init__(self):
+        self._law, self._loads, self._answer = None, None, None
+
+    def answer(self, normal, gap, tangential, pair, coefficient, offset, pulls, work, size):
+        """As of `_solve`, which is left out where the program is that of the last call."""
+        law = normal, gap, tangential, pair, coefficient, pulls
+        force = size.max(initial=0.0) or 1.0
+        loads = np.concatenate([offset, work, size]) / force
+        if not (self._law and all(map(np.array_equal, law, self._law))
+                and np.allclose(loads, self._loads, rtol=0.0, atol=ROUNDING)):
+            self._answer = _solve(normal, gap, tangential, pair, coefficient, offset, pulls, work,
+                                  size)
+            self._law, self._loads = law, loads
+        return self._answer
 
 
 def rigid_equilibrium(rows: ContactRows, motions: np.ndarray, work: np.ndarray, size: np.ndarray,
-                      comm):
+                      comm, latest: Latest | None = None):
     """Rigid motion (modes,) in which contact first balances the loads, or None if it cannot.
 
     `motions` (owned, modes): dual rows' displacement under every rigid motion; `work` (modes,) of
-    the loads on them, `size` (modes,) of its terms. Collective; the same answer on every rank.
+    the loads on them, `size` (modes,) of its terms; `latest`: of the steps before. Collective; the
+    same answer on every rank.
     """
     if rows.idle is not None:
         motions = motions.copy()
@@ -45,8 +70,8 @@ def rigid_equilibrium(rows: ContactRows, motions: np.ndarray, work: np.ndarray, 
         normal, gap, node, bilateral, tangential, rubbing, coefficient, offset = columns
         one, two = np.argsort(node), np.argsort(rubbing)  # ranks may own nodes in turn
         pair, pulls = np.searchsorted(node[one], rubbing[two]), np.flatnonzero(bilateral[one])
-        answer = _solve(normal[one], gap[one], tangential[two], pair, coefficient[two], offset[two],
-                        pulls, work, size)
+        answer = (latest or Latest()).answer(normal[one], gap[one], tangential[two], pair,
+                                             coefficient[two], offset[two], pulls, work, size)
     return comm.bcast(answer)
 
 

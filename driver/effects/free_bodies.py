@@ -10,7 +10,7 @@ import functools
 import numpy as np
 from scipy.linalg import block_diag
 
-from ..contact.equilibrium import rigid_equilibrium
+from ..contact.equilibrium import Latest, rigid_equilibrium
 from ..contact.kkt import Scales
 from ..contact.rows import ContactRows
 from ..errors import NoSolution
@@ -37,6 +37,7 @@ class FreeBodies:
         self.history = history
         # (bodies, 3) rigid part of the displacements at the end of the last step
         self.placed = np.zeros((len(operator.structure.travel.bodies.size), 3))
+        self._latest = Latest()
 
     def can_rest(self, index: int, weights: np.ndarray) -> np.ndarray:
         """Rigid motion (modes,) that closes gaps until contact balances the loads `weights`.
@@ -45,7 +46,8 @@ class FreeBodies:
         """
         op = self.operator
         work, size = op.imbalance(np.zeros(op.owned), weights)
-        motion = rigid_equilibrium(self.rows, np.column_stack(op.motions), work, size, op.comm)
+        motion = rigid_equilibrium(self.rows, np.column_stack(op.motions), work, size, op.comm,
+                                   self._latest)
         if motion is None:
             raise NoSolution(f"{step_name(index)}: {self._why_no_rest(index, work)}")
         return motion

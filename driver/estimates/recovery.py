@@ -32,12 +32,11 @@ def recovered_stress(corner: np.ndarray, triangles: np.ndarray, region: np.ndarr
                                  return_index=True, return_inverse=True)
     vertex, place = vertex.reshape(-1, 3), corner.reshape(-1, 2)[first]
     patch, t = _patches(vertex, len(place))
-    center, size = place[patch][:, None], np.zeros(len(place))
-    np.maximum.at(size, patch, np.linalg.norm(corner[t] - center, axis=2).max(axis=1))
+    begin, center = np.searchsorted(patch, np.arange(len(place))), place[patch][:, None]
+    size = np.maximum.reduceat(np.linalg.norm(corner[t] - center, axis=2).max(axis=1), begin)
     basis = _quadratics((nodal_place[t, 3:] - center) / size[patch][:, None, None])
-    normal, right = np.zeros((len(place), 6, 6)), np.zeros((len(place), 6, stress.shape[-1]))
-    np.add.at(normal, patch, basis.transpose(0, 2, 1) @ basis)
-    np.add.at(right, patch, basis.transpose(0, 2, 1) @ (AT_MIDDLES @ stress)[t])
+    normal = np.add.reduceat(basis.transpose(0, 2, 1) @ basis, begin)
+    right = np.add.reduceat(basis.transpose(0, 2, 1) @ (AT_MIDDLES @ stress)[t], begin)
     fitted = np.linalg.pinv(normal, rcond=1e-10, hermitian=True) @ right
     nodes = nodal_place[:, None] - place[vertex][:, :, None]  # [triangle, patch, node]
     nodal = _quadratics(nodes / size[vertex][..., None, None]) @ fitted[vertex]

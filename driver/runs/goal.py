@@ -14,37 +14,39 @@ tolerances  RTOL, FRICTION_RTOL start far above what single runs use and are tig
 Both are checked again on the last mesh but one.
 
 Then meshes follow, each sized by the observed order so that its estimate uses up ROOM of what is
-left, until all parts together are within the request. Where the next mesh of linear elements would
-have more than SMALL vertices, quadratic ones go on from the first two sizes if the quantity is one
-of SMOOTH, unless ELEMENT is given or the scene refuses them: they take a fraction of the time. At
-least three meshes are compared, as two coarse ones may agree by accident. It is meant to be met in
-at least 95 of 100 cases.
+left, until all parts together are within the request. At least three meshes are compared, as two
+coarse ones may agree by accident; up to SMALL nodes, and of a quantity that is not SMOOTH, elements
+are halved at least, as sizes that are nearly alike tell little. For a SMOOTH one they are quadratic
+from the first mesh on, unless ELEMENT is given or the scene refuses them: coarse meshes take the
+time of linear ones, and fewer are needed. It is meant to be met in at least 95 of 100 cases.
 """
 
+import contextlib
 import dataclasses
 import math
+from itertools import product
 
 from ..effects import Effects
 from ..effects.quasistatic import proportional
 from ..errors import DriverError, InputError, NoSolution, NotConverged
-from ..estimates import adjoint, unresolved
 from ..estimates.budget import (FORMAL, SINGULAR, SOURCES, Part, extrapolate, finer, formal_order,
                                 main_quantity, mesh_knob, name_of, ratio, share, summed, vanishing)
-from ..estimates.caution import Caution
-from ..estimates.energy import of_level
-from ..estimates.polygons import stand_for_curves
-from ..estimates.torn_body import Gather, gather_body
+from ..estimates.caution import FAST
+from ..estimates.successive import mesh_parts
 
 COARSENING = (8, 4, 2, 1)  # of the scene's own mesh, for the first one that can be had
 SAMPLING = 32  # times of the load history per step of the scene
 FEWEST = 4  # a fourth of the scene's own steps is where their choice starts
 TIME, ALGEBRAIC, ROOM = 0.35, 0.05, 0.85
 LAST = 0.7  # of what is allowed may be the time step's part where there are no more steps to take
-LARGEST = 300_000  # vertices; twice as many unknowns
-SMALL = 1_500  # vertices up to which linear elements cost no more than the start of programs
+LARGEST = 300_000  # nodes; twice as many unknowns
+SMALL = 1_500  # nodes up to which a run costs no more than the start of programs
 # that quadratic elements approach faster: others hang on places between nodes
 SMOOTH = ("normal_resultant", "tangential_resultant", "displacement", "peak_pressure")
+QUADRATIC = {"element": "P2"}
 RETRIES = (1.0, 0.1, 0.01)  # factors of the tolerances of a run that failed
+TIGHTER = 0.01  # part of the tolerances of runs that they are compared with ...
+APART = 0.15  # ... and what it may have become by tightening them
 TOLERANCES = ("rtol", "friction_rtol", "primal_rtol")
 
 
@@ -56,33 +58,44 @@ class Search:
         self.levels, self.asked, self.say = levels, asked, say
         self.settings = dataclasses.replace(settings, rtol=0.01 * asked, friction_rtol=0.1 * asked,
                                             primal_rtol=0.03 * asked)
-        self.coarsening, self.first = self._first()
+        self.reference = _tightened(self.settings, TIGHTER)
+        self.element = {}  # that of the meshes, where it is not the scene's
+        smooth = not quantity or quantity in SMOOTH  # as the main quantities are
+        self._begin(smooth and "element" not in levels.parameters)
+        self.effects, self.total = Effects(self.first), self.first.steps
+        self.stride = self._longest_stride() if self.effects.quasistatic else 1
+        self.name = quantity
+        self.parts: dict = {}  # by source: {quantity: Part}
+        self.timed = None  # size of the mesh that the time step's part is from
+
+    def _begin(self, quadratic: bool) -> None:
+        """Have the coarsest mesh made; `quadratic` as of `_first`."""
+        self.coarsening, self.first = self._first(quadratic)
         self.knob = mesh_knob(self.first.parameters)
         if self.knob is None:
             raise InputError("no parameter (CELLS, H) sets the mesh size of this scene: "
                              "ACCURACY has nothing to choose")
         self.sizes = [self.first.parameters[self.knob]]
-        self.element = {}  # that of the meshes, where it is not the scene's
-        self.linear = self.first.element == "P1" and "element" not in levels.parameters  # may end
-        self.effects, self.total = Effects(self.first), self.first.steps
-        self.stride = self._longest_stride() if self.effects.quasistatic else 1
-        self.name = quantity
-        self.parts: dict = {}  # by source: {quantity: Part}
 
-    def _first(self) -> tuple:
-        """Part of the scene's own mesh that the coarsest has, and its manifest."""
-        for factor in COARSENING:
+    def _first(self, quadratic: bool) -> tuple:
+        """Part of the scene's own mesh that the coarsest has, and its manifest.
+
+        `quadratic`: the elements shall be, if the scene admits it.
+        """
+        for factor, element in product(COARSENING, [QUADRATIC, {}] if quadratic else [{}]):
+            changes = {"coarsening": factor, **element}
             try:
-                manifest = self.levels.problem(coarsening=factor).manifest
+                problem = self.levels.problem(**changes)
             except DriverError:
-                if factor == COARSENING[-1]:
+                if factor == COARSENING[-1] and not element:
                     raise
                 continue
-            knob = mesh_knob(manifest.parameters)
+            self.element, parameters = element, problem.manifest.parameters
+            knob = mesh_knob(parameters)
             if knob:  # the same mesh under its own name
-                key = ((knob, manifest.parameters[knob]),)
-                self.levels.problems[key] = self.levels.problems[(("coarsening", factor),)]
-            return factor, manifest
+                changes = {knob: parameters[knob], **element}
+                self.levels.problems[tuple(sorted(changes.items()))] = problem
+            return factor, problem.manifest
 
     def _longest_stride(self) -> int:
         """With which the choice of steps starts: a power of two that ends where histories turn."""
@@ -117,7 +130,7 @@ class Search:
 
     def _choose_steps(self, size, finest: int) -> None:
         """As few steps as keep their error below TIME of what is allowed, strides from `finest`."""
-        fewest = 2 * self.stride if "time" in self.parts else self.stride
+        fewest, self.timed = 2 * self.stride if "time" in self.parts else self.stride, size
         strides = [fewest, max(1, fewest // 2)]
         runs = [self._values(size, stride) for stride in strides]
         while not self._in_time(runs) and strides[-1] > finest:
@@ -175,7 +188,8 @@ class Search:
 
     def _renew_time(self, size) -> None:
         """The time step's part of the error on a finer mesh, against half the steps."""
-        if "time" in self.parts and self.stride < self.total:
+        if "time" in self.parts and self.stride < self.total and size != self.timed:
+            self.timed = size
             self._in_time([self._values(size, 2 * self.stride), self._values(size)])
 
     def _name(self, values: dict) -> str:
@@ -188,16 +202,25 @@ class Search:
     def _words(self) -> str:
         return self.name.replace("_", " ")
 
+    def _tightest(self):
+        """Settings whose tolerances leave nothing beside what the chosen ones leave.
+
+        Those of before, which runs have been made with, as long as they are much tighter.
+        """
+        if any(getattr(self.reference, name) > APART * getattr(self.settings, name)
+               for name in TOLERANCES):
+            self.reference = _tightened(self.settings, TIGHTER)
+        return self.reference
+
     def _tighten(self, size) -> bool:
         """Tolerances of a part of the error small enough on a mesh; whether they were changed."""
         stride, before = max(self.stride, min(self.total, SAMPLING * FEWEST)), self.settings
         coulomb = self.effects.pressure_bounds_friction
         while True:
-            tight = dataclasses.replace(self.settings, rtol=0.01 * self.settings.rtol,
-                                        primal_rtol=0.01 * self.settings.primal_rtol)
+            tightest = self._tightest()
+            tight = dataclasses.replace(tightest, friction_rtol=self.settings.friction_rtol)
             plain, exact = (self._values(size, stride, s) for s in (self.settings, tight))
-            tighter = dataclasses.replace(tight, friction_rtol=0.01 * tight.friction_rtol)
-            final = self._values(size, stride, tighter) if coulomb else exact
+            final = self._values(size, stride, tightest) if coulomb else exact
             self.parts["solver"] = {q: Part(abs(plain[q] - exact[q])) for q in plain}
             if coulomb:
                 self.parts["friction"] = {q: Part(abs(exact[q] - final[q])) for q in plain}
@@ -218,31 +241,12 @@ class Search:
     def _assess(self) -> dict:
         """Budget of the quantity on the finest mesh."""
         sizes = self.sizes[:-4:-1]
-        runs = [self._values(size) for size in sizes]
         levels = [self._level(size) for size in sizes]
-        finest, touches = levels[0], [level.touch for level in levels]
         ratios = [ratio(self.knob, b, a) for a, b in zip(sizes, sizes[1:])]
         problem = self.levels.problem(**self.mesh(sizes[0]))
-        adjoints, smoothed = self._adjoint(problem, finest)
-        energy = of_level(problem, finest, self.settings.estimator)
-        error, last = unresolved.energy_error(energy), finest.at == self.steps - 1
-        caution = Caution.of(problem, touches[0], adjoints, error,
-                             polygons=stand_for_curves(problem))
-        found = caution.parts(runs[0], unresolved.alike(list(zip(runs, runs[1:]))), ratios,
-                              finest.singular, touches)
-        unknown = unresolved.parts(runs[0], error, touches[0], problem.manifest.element,
-                                   bool(adjoints), last and unresolved.blind(energy, smoothed))
-        self.parts["mesh"] = unresolved.known(found, unknown, runs[0], touches[0])
+        self.parts["mesh"] = mesh_parts(problem, levels, ratios, self.name,
+                                        self.settings.estimator)
         return self.budget()[self.name]
-
-    def _adjoint(self, problem, level) -> tuple[dict, float | None]:
-        """Sizes of the adjoint problem of the quantity, by its name, if it has any; the error in
-        energy by smoothed stresses.
-        """
-        sizes, said = adjoint.assess(problem, level.record, level.steps[level.at],
-                                     {self.name: level.values[self.name]},
-                                     lambda: gather_body(Gather(problem.operator)))
-        return sizes, said.get("smoothed")
 
     def budget(self) -> dict:
         """Budget of every quantity on the finest mesh."""
@@ -252,16 +256,22 @@ class Search:
                 for q, value in values.items()}
 
     def _skip_unsolved(self) -> None:
-        """Refine the first mesh until the scene can be solved on it, up to its own mesh."""
+        """Refine the first mesh until the scene can be solved on it, up to its own mesh.
+
+        Where quadratic elements are solved on none of them linear ones are tried.
+        """
         while True:
             try:
                 self._level(self.sizes[0])
                 return
             except DriverError:
-                if self.coarsening <= 1:
+                if self.coarsening > 1:
+                    self.coarsening /= 2
+                    self.sizes[0] = self._halved
+                elif self.element:
+                    self._begin(quadratic=False)
+                else:
                     raise
-                self.coarsening /= 2
-                self.sizes[0] = finer(self.knob, self.sizes[0], 2.0)
 
     def _next(self, entry: dict) -> float:
         """The next mesh size: its estimate is to use up ROOM of what other parts leave."""
@@ -270,16 +280,36 @@ class Search:
         if entry["mesh"] is not None:
             value = abs(entry["value"])
             room = ROOM * max(self.asked * value - others, 0.1 * self.asked * value)
-            formal = FORMAL["mesh"][self.element.get("element", self.first.element)]
+            formal = FORMAL["mesh"][self.first.element]
             order = min(max(entry.get("mesh_order", 1.0), 0.7), formal)
             most = 2.0 if len(self.sizes) < 3 else 4.0
             factor = min(max((entry["mesh"] / room) ** (1 / order), 1.25), most)
+        if self.name not in SMOOTH or self._nodes(self._halved) <= SMALL:
+            factor = max(factor, 2.0)
         return finer(self.knob, self.sizes[-1], factor)
+
+    @property
+    def _halved(self) -> float:
+        """The size after the last one with elements half as long."""
+        return finer(self.knob, self.sizes[-1], 2.0)
+
+    def _third(self) -> None:
+        """Run a third mesh, sized by what two differ by: their error would not be enough."""
+        coarse, fine = (self._values(size)[self.name] for size in self.sizes)
+        if fine == 0:
+            return  # it is refused
+        between, order = ratio(self.knob, *self.sizes), 1.0 if self.first.element == "P1" else FAST
+        part = extrapolate([fine - coarse], [between], order, fine, pair=order)
+        size = self._next({"value": fine, "mesh": part.error})
+        if self._nodes(size) <= LARGEST:
+            with contextlib.suppress(DriverError):  # the search says why, if it comes to it
+                self._level(size)
+                self.sizes.append(size)
 
     def run(self):
         """Search, leaving the finest run. Raises InputError, NoSolution or NotConverged."""
         self._skip_unsolved()
-        self.sizes.append(finer(self.knob, self.sizes[0], 2.0))
+        self.sizes.append(self._halved)
         self.name = self._name(self._values(self.sizes[-1]))
         if self._memoryless(self.sizes[-1]):
             self.stride = self.total
@@ -289,6 +319,7 @@ class Search:
         self._tighten(self.sizes[-1])
         if self.stride < self.total:
             self._choose_steps(self.sizes[-1], SAMPLING)
+        self._third()
         unsettled = 0
         while True:
             entry = self._assess()
@@ -319,8 +350,6 @@ class Search:
                                  "it grows from mesh to mesh, as at a singular point; "
                                  "ask for another quantity")
             size = self._next(entry)
-            if self._goes_on_quadratic(size):
-                continue
             self._make(size, share(entry["total"], entry["value"]))
             self.sizes.append(size)
 
@@ -335,24 +364,7 @@ class Search:
                              "slides): it has no relative error to be met; ask for another "
                              "quantity")
 
-    def _goes_on_quadratic(self, size) -> bool:
-        """Change to quadratic elements on the first two meshes, where the next one of linear ones,
-        of `size`, is large; whether so.
-        """
-        if not self.linear or self.name not in SMOOTH or self._vertices(size) <= SMALL:
-            return False
-        self.linear, self.element = False, {"element": "P2"}
-        try:
-            for mesh in self.sizes[:2]:
-                self._level(mesh)
-        except DriverError:
-            self.element = {}
-            return False
-        self.sizes = self.sizes[:2]
-        self.say("quadratic elements from here on")
-        return True
-
-    def _vertices(self, size) -> float:
+    def _nodes(self, size) -> float:
         """Of the mesh of a size, by those of the last one."""
         nodes = self.levels.problem(**self.mesh(self.sizes[-1])).manifest.nodes
         return nodes * ratio(self.knob, self.sizes[-1], size) ** 2
@@ -361,9 +373,9 @@ class Search:
         """Have the problem of a finer mesh made. Raises NotConverged if it cannot be."""
         demand = (f"{100 * self.asked:g} % of the {self._words()} would take "
                   f"{name_of(self.knob, size)}")
-        vertices = self._vertices(size)
-        if vertices > LARGEST:
-            raise NotConverged(f"{demand}, {vertices:.0f} nodes; reached: {reached}")
+        nodes = self._nodes(size)
+        if nodes > LARGEST:
+            raise NotConverged(f"{demand}, {nodes:.0f} nodes; reached: {reached}")
         try:
             self.levels.problem(**self.mesh(size))
         except InputError as problem:

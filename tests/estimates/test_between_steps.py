@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from driver.estimates import between_steps
+from driver.scene.manifest import read_manifest
 
 
 def manifest(history, steps, t_end=1.0):
@@ -31,6 +32,16 @@ def test_what_steps_miss_is_named_with_steps_that_do_not(history, steps, step, b
     # kinks are located between samples by the lines on both sides: to a part of a sample
     assert abs(offered - better) <= 0.06 * better
     assert not between_steps.warnings(manifest(history, better))
+
+
+@pytest.mark.parametrize("sampling, between", [(1, 16), (4, 4), (32, 0)])
+def test_a_history_is_looked_at_so_often_in_a_step_of_the_scene(exported, sampling, between):
+    """By runs of a finer history as well: what they see themselves is not written once more."""
+    found = read_manifest(exported(loading="nonmonotone", cells=1, steps=5, sampling=sampling))
+    assert found.steps == 5 * sampling
+    assert {len(history) for history in found.amplitudes.values()} == {5 * sampling + 1}
+    finer = {len(history) for history in found.between.values()}
+    assert finer == ({between * found.steps + 1} if between else set())
 
 
 @pytest.mark.parametrize("turns, kinks", [(1, 1), (2, 1), (3, 1), (4, 0), (6, 0)])

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from driver.contact import equilibrium
 from driver.contact.equilibrium import rigid_equilibrium
 from driver.qp import pivots
 from driver.qp.complementarity import _neighbours, lemke
@@ -110,6 +111,36 @@ def test_a_body_falls_until_its_feet_bear_it():
 def test_friction_holds_a_drag_up_to_its_bound(friction, offset, drag, holds):
     """F times the weight of 2, with what needs no pressure at two feet."""
     assert (rest(foot(friction, offset), [2.0, 0.0, drag]) is not None) == holds
+
+
+def test_loads_that_only_grow_ask_for_no_other_program(monkeypatch):
+    """What cannot be balanced neither; another direction or law does, and growth beside what rubs
+    without pressure.
+    """
+    solved, solve = [], equilibrium._solve
+    monkeypatch.setattr(equilibrium, "_solve", lambda *law: solved.append(law) or solve(*law))
+    latest = equilibrium.Latest()
+
+    def programs(rows, *work):
+        """How many are solved for one load after another, whose answers are those of each alone."""
+        before = len(solved)
+        answers = [rigid_equilibrium(rows, MOTIONS, load, np.abs(load), MPI.COMM_SELF, latest)
+                   for load in map(np.array, work)]
+        count = len(solved) - before
+        for load, answer in zip(work, answers):
+            alone = rest(rows, load)
+            assert (answer is None) == (alone is None)
+            if alone is not None:
+                np.testing.assert_allclose(answer, alone, atol=1e-9)
+        return count
+
+    down = np.array([2.0, 0.5, 0.3])
+    assert programs(foot(0.5), down, 0.1 * down, 3 * down) == 1
+    assert programs(foot(0.5), down * [1, 1, -4], 7 * down * [1, 1, -4]) == 1
+    assert programs(foot(0.5), down, down * [1, -1, 1], -down) == 3
+    assert programs(foot(0.5, gap=np.array([0.2, 0.3])), -down, down) == 2
+    assert programs(foot(0.5, 0.1), down, 0.1 * down, 0.1 * down) == 2
+    assert programs(foot(0.6, 0.1), 0.1 * down) == 1
 
 
 def test_motions_that_no_load_or_no_contact_knows():

@@ -2,15 +2,22 @@
 nothing is over-solved.
 """
 
+import dataclasses
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from test_scenes_hertz import NU, hertz
 
 from driver.arguments import SHARE
+from driver.contact import equilibrium
 from driver.errors import InputError, NoSolution
+from driver.estimates import successive
+from driver.estimates.levels import Levels
+from driver.options import Settings
 from driver.runs import goal
+from driver.runs.run import Run, execute
 
 # Lame's pressure, pressfit.edp
 RING = 210e3 / 1.3 * 0.05 / (0.4 * 20 / 35**2 + 1 / 20) * (1 / 20**2 - 1 / 35**2)
@@ -82,7 +89,7 @@ def test_friction_remembers_the_way_where_twice_the_load_is_not_twice_the_answer
 
 @pytest.mark.slow
 def test_a_finer_request_costs_more_and_settings_can_be_repeated_by_hand(solved):
-    coarse, fine = (solved("model", loading="nonmonotone", accuracy=a) for a in ("10%", "1%"))
+    coarse, fine = (solved("model", loading="nonmonotone", accuracy=a) for a in ("10%", "0.3%"))
     assert fine.summary["sizes"]["primal_dofs"] > 2 * coarse.summary["sizes"]["primal_dofs"]
     settings = {name.lower(): value for name, value in fine.summary["accuracy"]["settings"].items()}
     tolerances = {"rtol", "friction_rtol", "primal_rtol"}
@@ -119,6 +126,126 @@ def test_nothing_is_solved_beyond_the_discretization_error(solved):
     settings = run.summary["parameters"]
     # three orders above the defaults of single runs
     assert settings["rtol"] >= 1e-6 and settings["friction_rtol"] >= 1e-5
+
+
+@pytest.mark.parametrize("quantity, element, most", [("normal_resultant", "P2", 8),
+                                                     ("slip", None, 6)])
+def test_a_search_takes_few_runs(monkeypatch, tmp_path, quantity, element, most):
+    """Three meshes, each exported once and twice as fine as the one before, of the elements that
+    suit the quantity, and one estimate. Runs on the middle one find steps and tolerances. Whether
+    the bodies can rest is asked once a run, as their load stays what it is.
+    """
+    exports, runs, estimates, programs = [], [], [], []
+    export, march = Levels.exported, Levels._run  # pylint: disable=protected-access
+    rest = equilibrium._solve  # pylint: disable=protected-access
+
+    def exported(self, place, changes, *rest):
+        exports.append(changes)
+        return export(self, place, changes, *rest)
+
+    def marched(self, problem, *rest):
+        runs.append(problem)
+        return march(self, problem, *rest)
+
+    def rests(*law):
+        programs.append(law)
+        return rest(*law)
+
+    def estimated(*given):
+        estimates.append(given)
+        return successive.mesh_parts(*given)
+
+    monkeypatch.setattr(equilibrium, "_solve", rests)
+    monkeypatch.setattr(goal, "mesh_parts", estimated)
+    monkeypatch.setattr(Levels, "exported", exported)
+    monkeypatch.setattr(Levels, "_run", marched)
+    summary = execute(Run.from_pairs(
+        {"scene": "wedge", "accuracy": f"1%,{quantity}", "errors": "no", "figures": "no",
+         "fields": "no", "quiet": "yes", "out": str(tmp_path / "out")}))
+    sizes = {"coarsening": 8}, {"h": 8.0}, {"h": 4.0}
+    assert exports == [size | ({"element": element} if element else {}) for size in sizes]
+    assert len(runs) <= most and len(estimates) == 1 and len(programs) == len(runs)
+    assert summary["accuracy"]["levels"] == 3 and summary["accuracy"]["reached"] <= 0.01
+
+
+@pytest.mark.parametrize("quantity, nodes, factor", [
+    ("slip", 1e4, 2.0), ("displacement", 1e4, 1.25), ("displacement", 100, 2.0)])
+def test_meshes_are_not_nearly_alike(quantity, nodes, factor):
+    """Where they cost nothing, or a place between nodes counts: one that errs little more than it
+    may is followed by one of elements half as long.
+    """
+    search = object.__new__(goal.Search)
+    search.name, search.asked, search.knob, search.sizes = quantity, 0.01, "h", [4.0, 2.0, 1.0]
+    search.first = SimpleNamespace(element="P1")
+    search._nodes = lambda size: nodes / size**2
+    size = search._next({"value": 1.0, "mesh": 0.009, "mesh_order": 1.0})
+    assert size == 1.0 / factor
+
+
+@pytest.mark.parametrize("element, coarse, sizes", [
+    ("P1", 0.996, [8.0, 4.0, 2.8]), ("P2", 0.996, [8.0, 4.0, 3.2]), ("P1", 0.9, [8.0, 4.0, 2.0])])
+def test_a_third_mesh_is_sized_by_what_two_differ_by(element, coarse, sizes):
+    """Of linear elements three times that, of quadratic ones the difference itself; not of what is
+    zero, which is refused, nor beyond the limits.
+    """
+    def third(coarse, fine, nodes=1e5):
+        search, ran = object.__new__(goal.Search), []
+        search.name, search.asked, search.knob, search.sizes = "displacement", 0.01, "h", [8.0, 4.0]
+        search.first = SimpleNamespace(element=element)
+        search._nodes = lambda size: nodes
+        search._values = lambda size: {"displacement": coarse if size == 8.0 else fine}
+        search._level = ran.append
+        search._third()
+        assert ran == search.sizes[2:]
+        return search.sizes
+
+    assert third(coarse, 1.0) == sizes
+    assert third(0.0, 0.0) == third(coarse, 1.0, nodes=1e6) == [8.0, 4.0]
+
+
+def test_tolerances_are_measured_against_runs_that_are_there():
+    """As long as these are much tighter."""
+    search = object.__new__(goal.Search)
+    search.settings = Settings(rtol=1e-4, friction_rtol=1e-3, primal_rtol=3e-4)
+    search.reference = goal._tightened(search.settings, 0.01)
+    for rtol, rtol_then in ((1e-4, 1e-6), (1e-5, 1e-6), (1e-6, 1e-8)):
+        search.settings = dataclasses.replace(search.settings, rtol=rtol)
+        assert search._tightest().rtol == pytest.approx(rtol_then)
+
+
+@pytest.mark.parametrize("fails, element, sizes", [
+    (lambda element, size: size > 2, "P2", 2.0),
+    (lambda element, size: element == "P2", None, 8.0)],
+    ids=["coarse", "quadratic"])
+def test_a_search_begins_with_what_can_be_solved(fails, element, sizes):
+    """A finer mesh, and linear elements if it is no mesh of quadratic ones."""
+    search = object.__new__(goal.Search)
+    manifest = SimpleNamespace(parameters={"h": 8.0}, element="P1")
+    search.levels = SimpleNamespace(problems={}, problem=lambda **changes: SimpleNamespace(
+        manifest=manifest))
+
+    def level(size):
+        if fails(search.element.get("element"), size):
+            raise InputError("no solution")
+
+    search._level = level
+    search._begin(quadratic=True)
+    assert search.element == {"element": "P2"}
+    search._skip_unsolved()
+    assert search.element.get("element") == element and search.sizes == [sizes]
+
+
+def test_a_scene_that_refuses_quadratic_elements_has_linear_ones():
+    def problem(**changes):
+        if "element" in changes:
+            raise InputError("ELEMENT=P2 is refused")
+        return SimpleNamespace(manifest=SimpleNamespace(parameters={"cells": 1}))
+
+    search = object.__new__(goal.Search)
+    search.levels = SimpleNamespace(problems={}, problem=problem)
+    search._begin(quadratic=True)
+    assert search.element == {} and search.coarsening == 8
+    assert list(search.levels.problems) == [(("cells", 1),)]
 
 
 def test_history_that_does_not_matter_takes_one_step(solved):

@@ -1,0 +1,32 @@
+"""The mesh's part of the error of a run from others on coarser meshes, as a search makes them."""
+
+from . import adjoint, unresolved
+from .budget import Part
+from .caution import Caution
+from .energy import of_level
+from .levels import Level
+from .polygons import stand_for_curves
+from .torn_body import Gather, gather_body
+
+
+def mesh_parts(problem, levels: list[Level], ratios: list[float], name: str,
+               estimator: str) -> dict[str, Part]:
+    """Part by quantity of the first of `levels`, the run of `problem`; collective.
+
+    The other levels are of ever coarser meshes, whose elements are `ratios` times as long as those
+    before. An adjoint problem holds the quantity `name` alone; `estimator`: of the error in energy.
+    """
+    finest, touches = levels[0], [level.touch for level in levels]
+    values = [level.values for level in levels]
+    adjoints, said = adjoint.assess(problem, finest.record, finest.steps[finest.at],
+                                    {name: finest.values[name]},
+                                    lambda: gather_body(Gather(problem.operator)))
+    energy = of_level(problem, finest, estimator)
+    error, last = unresolved.energy_error(energy), finest.at == finest.declared - 1
+    caution = Caution.of(problem, touches[0], adjoints, error, polygons=stand_for_curves(problem))
+    found = caution.parts(values[0], unresolved.alike(list(zip(values, values[1:]))), ratios,
+                          finest.singular, touches)
+    unknown = unresolved.parts(values[0], error, touches[0], problem.manifest.element,
+                               bool(adjoints),
+                               last and unresolved.blind(energy, said.get("smoothed")))
+    return unresolved.known(found, unknown, values[0], touches[0])
