@@ -93,20 +93,28 @@ class CondensedSearch:
         return x, gradient, self.rows.sliding(x, self.rows.friction_bound(x))
 
     def _search(self, index: int, load: Load, x, trace: Trace, rtol: float) -> tuple | None:
-        """Multipliers, gradient, friction coefficients and motions of a solution, or None."""
+        """Multipliers, gradient, friction coefficients and motions of a solution, or None.
+
+        Where rounding keeps friction bounds or bodies from settling within a tightened `rtol`, the
+        best pass in which they settle as far as a step asks for: its residuals say whether it does.
+        """
         rows, changes = self.rows, self.slip.effects.coefficient_changes
         secants, method = Anderson(self.dot, LAW_SECANTS, 1.0), globalization.NEWTON
-        headway = _Headway()
+        headway, nearly, own = _Headway(), _Headway(), self.qp.settings.friction_rtol
         x, gradient = self._glued(index, load, x, trace)
         for _ in range(PASSES):
             coefficient, bound = rows.coefficient, rows.friction_bound(x)
             self.slip.renew_coefficient(gradient)
-            settled = self._settled(load, x, rows.friction_bound(x) - bound, rtol)
+            coefficient = self._of_acting(coefficient)
+            apart = rows.friction_bound(x) - bound
+            settled = self._settled(load, x, apart, rtol)
+            almost = settled or own > rtol and self._settled(load, x, apart, own)
             whole, missed = self._missed(x, gradient, bound)
             change, solver = self._corrected(load, x, gradient), globalization.NEWTON
             lacking = np.inf if change is None else self._share(change, x)
             state = x, gradient, coefficient, self._motion(load)
             headway.note(state if settled else None, missed, lacking)
+            nearly.note(state if almost else None, missed, lacking)
             if settled and self._ends(whole, missed, headway.idle):
                 self.qp.history.fallbacks.note(method, index)
                 return headway.answer
@@ -120,7 +128,20 @@ class CondensedSearch:
                 return None
             method = method if solver == globalization.NEWTON else solver
             x, gradient = self._followed(index, load, x, gradient, change, trace)
-        return None
+        if nearly.answer is not None:
+            self.qp.history.fallbacks.note(method, index)
+        return nearly.answer
+
+    def _of_acting(self, coefficient: np.ndarray) -> np.ndarray:
+        """`coefficient` (j,) where friction acts, in other rows of corners that of their own slip.
+
+        Condensed problems leave these out; what a vertex's force is shared by depends on both.
+        """
+        if self.rows.corners is None or not self.slip.effects.coefficient_changes:
+            return coefficient
+        renewed, idle = coefficient.copy(), self.rows.corners.without_friction
+        renewed[idle] = self.rows.coefficient[idle]
+        return renewed
 
     # ---- one pass --------------------------------------------------------------------------------
     def _settled(self, load: Load, x, change: np.ndarray, rtol: float) -> bool:

@@ -7,7 +7,7 @@ import pytest
 
 from driver.errors import NotConverged
 from driver.march import condensed_search, fixed_point, globalization
-from driver.march.step import Trace, Unfinished
+from driver.march.step import Load, Trace, Unfinished
 from test_dense_steps import N, TIGHT, load_of, parts, solves
 
 NOISE = 1e-7  # part of displacements that products round off
@@ -198,3 +198,57 @@ def test_an_open_corner_rubs_without_its_normal_row(seed):
     missed = np.concatenate([(x - np.maximum(x + move, 0.0))[1:N], move[2 * N :],
                              x[t] - np.clip(x[t] + move[t], -bound, bound)])
     np.testing.assert_allclose(missed, 0.0, atol=1e-8 * np.abs(load.d).max())
+
+
+@pytest.mark.parametrize("change, own, found", [(1e-9, 1e-8, True), (1e-9, 1e-10, False),
+                                                (1e-7, 1e-8, False)])
+def test_the_best_pass_is_judged_where_a_tightened_tolerance_is_below_rounding(change, own, found):
+    """Friction bounds that go on changing by rounding, of size `change`, settle within what a step
+    asks for, `own`, but not within 1e-12.
+    """
+    of = parts(1, 0.3, rtol=1e-11, friction_rtol=own)
+    load, search = load_of(of), of.fixed.search
+    search._settled = lambda load, x, bounds, rtol: change <= rtol
+    answer = search.solution(1, load, np.zeros(3 * N), Trace(), 1e-12)
+    assert (answer is not None) == found
+    if found:
+        assert solves(of, load, answer[0])
+
+
+def test_rows_that_a_corner_leaves_out_have_the_friction_of_their_own_slip():
+    """By which the force on a vertex is shared, whatever coefficient they had when it was found."""
+    of = parts(1, 0.3, **TIGHT)
+    of.rows.corners = SimpleNamespace(without_friction=np.array([2]))
+    of.slip.effects.coefficient_changes = True
+    solved, of.rows.coefficient = np.full(N, 0.3), np.full(N, 0.2)
+    assert of.fixed.search._of_acting(solved).tolist() == [
+        0.2 if row == 2 else 0.3 for row in range(N)]
+    assert solved.tolist() == [0.3] * N
+    of.slip.effects.coefficient_changes = False
+    assert of.fixed.search._of_acting(solved) is solved
+
+
+def slipping(seed: int) -> SimpleNamespace:
+    """Friction that falls by slip, and a load that presses all nodes."""
+    of, pressing = parts(seed, 0.3, **TIGHT), np.zeros(3 * N)
+    load, pressing[: 2 * N] = load_of(of), np.repeat([1.0, 0.1], N)
+    load = Load(load.weights, load.d + of.operator.F @ pressing, load.extent)
+
+    def renew(gradient: np.ndarray) -> None:
+        of.rows.coefficient = 0.3 / (1.0 + 0.5 * np.abs(gradient[N : 2 * N]))
+
+    of.slip.effects.coefficient_changes, of.slip.renew_coefficient = True, renew
+    of.load = load
+    return of
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_search_ends_with_the_friction_of_slip_in_rows_that_corners_leave_out(seed):
+    of, acts = slipping(seed), np.arange(N) < N - 1
+    of.rows.corners = SimpleNamespace(
+        excluded=np.array([N - 1, 2 * N - 1]), standing=np.zeros(0, int),
+        without_friction=np.array([N - 1]), act=lambda count: (acts, acts))
+    of.condensation.select()
+    _, gradient, _ = of.fixed.search.solution(1, of.load, np.zeros(3 * N), Trace(), 1e-9)
+    found, slip = of.rows.coefficient[-1], gradient[2 * N - 1]
+    assert abs(slip) > 0.1 and found == pytest.approx(0.3 / (1.0 + 0.5 * abs(slip)), rel=1e-9)
