@@ -176,19 +176,16 @@ class DualOperator(DualProblem):
         total = vectors.add_up()
         return total if self.softness is None else total + self.softness * multipliers
 
-    def gradient(self, multipliers: np.ndarray, d: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """See DualProblem: displacements of supported bodies are refined where stiffness jumps."""
-        if self.levels == 1 or self.modes:
-            return super().gradient(multipliers, d, weights)
+    def gradient(self, multipliers: np.ndarray, load) -> np.ndarray:
+        """See DualProblem: displacements are refined where stiffness jumps."""
+        if self.levels == 1:
+            return super().gradient(multipliers, load)
         self.products += 1 + PASSES
         if self._refinement is None:
             self._refinement = Refinement(self.structure, self.classes, self.coarse, self._recovery)
-        rows, factors = self._signed_rows(multipliers), weights[: self.structure.patterns]
-        corner = self._corner_displacements(rows, factors)
-        fields = self._recovery.displacements(rows, factors, None, corner)
-        moved = self._refinement.rows(rows, factors, fields)
-        elastic = self.vectors.assemble(moved * self.vectors.sign)
-        total = (self.elastic_response(factors) - d) - elastic
+        rows, factors = self._signed_rows(multipliers), load.weights[: self.structure.patterns]
+        moved = self._refinement.rows(rows, factors)
+        total = -load.rest - self.vectors.assemble(moved * self.vectors.sign)
         return total if self.softness is None else total + self.softness * multipliers
 
     def dot(self, a: np.ndarray, b: np.ndarray) -> float:

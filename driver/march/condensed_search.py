@@ -66,8 +66,6 @@ class CondensedSearch:
         self.qp, self.bodies, self.slip, self.condensation = qp, bodies, slip, condensation
         self.operator, self.rows = qp.operator, qp.rows
         self.stiff = self.operator.levels > 1 and not self.operator.contact_rows_only
-        # the springs of bodies without support make far more of the last digit of forces
-        self.refines = self.stiff and not self.operator.modes
 
     def solution(self, index: int, load: Load, x: np.ndarray, trace: Trace, rtol: float):
         """Multipliers near x that solve the step, their gradient and the rows that slide.
@@ -164,7 +162,7 @@ class CondensedSearch:
     def _ends(self, whole: float, missed: float, idle: int) -> bool:
         """Whether no more passes are made: contact rows between stiff parts get all digits."""
         enough = whole <= 2 * self.qp.tol  # of which the gluing rows alone may have tol
-        waits = LATER if self.refines else 0
+        waits = LATER if self.stiff else 0
         return missed == 0 or idle >= IDLE or enough and (idle > waits or not self.stiff)
 
     def _glued(self, index: int, load: Load, x, trace: Trace) -> tuple[np.ndarray, np.ndarray]:
@@ -172,11 +170,11 @@ class CondensedSearch:
         trace.iterations += 1
         fixed = self.condensation.fixing(x)
         x, gradient = self._solved(index, trace.iterations, load.d, fixed, x, None)
-        return x, self._exact(load, x) if self.refines else gradient
+        return x, self._exact(load, x) if self.stiff else gradient
 
     def _exact(self, load: Load, x: np.ndarray) -> np.ndarray:
         """The gradient at x to all digits."""
-        return self.operator.gradient(x, load.d, load.weights)
+        return self.operator.gradient(x, load)
 
     def _followed(self, index: int, load: Load, x, gradient, change: np.ndarray, trace: Trace):
         """x after a `change` of contact rows and motions, and its gradient.
@@ -187,7 +185,7 @@ class CondensedSearch:
         op, qp, tol = self.operator, self.qp, self.qp.tol
         contact, motion = np.split(change, [self.condensation.size])
         change, before = self.condensation.place(contact, np.zeros_like(x)), np.zeros_like(x)
-        if self.refines:
+        if self.stiff:
             before = gradient
         moved = op.apply(change) + before
         pushed = np.zeros_like(moved)
@@ -199,8 +197,10 @@ class CondensedSearch:
                                      self.condensation.fixing(change), change, moved)
         finally:
             qp.tol = tol
+        if self.stiff and op.modes:  # gradients leave out what springs move, compliances do not
+            motion = motion + op.rho * op.imbalance(change, np.zeros(op.structure.patterns))[0]
         self.bodies.shift(load, motion)
-        x = self._on_bounds(x + change) if self.refines else x + change
+        x = self._on_bounds(x + change) if self.stiff else x + change
         return x, self._exact(load, x)
 
     def _on_bounds(self, x: np.ndarray) -> np.ndarray:
@@ -227,10 +227,9 @@ class CondensedSearch:
     def _corrected(self, load: Load, x, gradient) -> np.ndarray | None:
         """Change (n + m + k,) of contact rows and motions to a solution near x, to its own digits.
 
-        Where stiffness jumps in bodies that supports hold; None elsewhere, where slip changes
-        friction, or if none is near.
+        Where stiffness jumps; None elsewhere, where slip changes friction, or if none is near.
         """
-        if not self.refines or self.slip.effects.coefficient_changes:
+        if not self.stiff or self.slip.effects.coefficient_changes:
             return None
         try:
             problem = self.condensation.problem(load, x, gradient)

@@ -31,7 +31,7 @@ def noisy(seed: int):
         return y + NOISE * np.linalg.norm(y) * draw.standard_normal(3 * N)
 
     of.operator.apply = apply
-    of.operator.gradient = lambda x, d, weights: product(x) - d
+    of.operator.gradient = lambda x, load: product(x) - load.d
     return of, product
 
 
@@ -252,3 +252,21 @@ def test_a_search_ends_with_the_friction_of_slip_in_rows_that_corners_leave_out(
     _, gradient, _ = of.fixed.search.solution(1, of.load, np.zeros(3 * N), Trace(), 1e-9)
     found, slip = of.rows.coefficient[-1], gradient[2 * N - 1]
     assert abs(slip) > 0.1 and found == pytest.approx(0.3 / (1.0 + 0.5 * abs(slip)), rel=1e-9)
+
+
+@pytest.mark.parametrize("levels, expected", [(2, 7.0 + 0.5 * 3.0), (1, 7.0)])
+def test_bodies_move_by_what_springs_would_where_gradients_leave_springs_out(levels, expected):
+    """A condensed problem has bodies on springs: forces of work -3 on a motion change by as much
+    what the springs of compliance 0.5 carry, and bodies move that way beside the 7 of the problem.
+    """
+    of = parts(1, levels=levels, **TIGHT)
+    load, moved, zero = load_of(of), [], np.zeros(3 * N)
+    of.operator.modes, of.operator.rho = 1, np.array([0.5])
+    of.operator.structure.patterns = 1
+    work = np.append(np.array([1.0, 2.0]), zero[2:])
+    of.operator.imbalance = lambda x, weights: (np.array([-work @ x + weights @ [100.0]]), None)
+    of.fixed.search.bodies = SimpleNamespace(
+        shift=lambda load, change: moved.extend(change.tolist()))
+    change = np.append([-1.0, -1.0], np.zeros(2 * N - 2))
+    of.fixed.search._followed(1, load, zero, -load.d, np.append(change, 7.0), Trace())
+    assert moved == [expected]
