@@ -49,12 +49,13 @@ class DualProblem(ABC):
     def apply(self, multipliers: np.ndarray) -> np.ndarray:
         """F times a dual vector; collective."""
 
-    def gradient(self, multipliers: np.ndarray, d: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """F lambda - d (owned,), d the load of `weights` and rigid motions, to all digits.
+    def gradient(self, multipliers: np.ndarray, load) -> np.ndarray:
+        """F lambda - d (owned,) of a Load of march/step.py, to all digits.
 
-        A product that rounds off less than F itself may where stiffness jumps; collective.
+        A product that rounds off less than F itself may where stiffness jumps; then springs that
+        hold bodies without support move nothing, as they do in equilibrium. Collective.
         """
-        return self.apply(multipliers) - d
+        return self.apply(multipliers) - load.d
 
     @abstractmethod
     def dot(self, a: np.ndarray, b: np.ndarray) -> float:

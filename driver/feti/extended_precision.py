@@ -29,15 +29,17 @@ class Refinement:
         self.coarse, self.recovery = coarse, recovery
         self._stiffness = [_split(c.K.astype(LONG)) for c in classes]
 
-    def fields(self, rows: np.ndarray, weights: np.ndarray, fields: list[np.ndarray]) -> list:
-        """Displacements u (dofs,) of the subdomains under sum_k weights_k f_k - B' lambda, refined.
+    def fields(self, rows: np.ndarray, weights: np.ndarray) -> list[np.ndarray]:
+        """Displacements u (dofs,) of the subdomains under sum_k weights_k f_k - B' lambda.
 
-        `rows` are stacked, signed local multipliers, `weights` (patterns,), `fields` (dofs,) those
-        that are to be refined.
+        `rows` are stacked, signed local multipliers, `weights` (patterns,). Springs of bodies
+        without support do not move: far under each force, they would by the last digits of all.
         """
-        fields = [u.astype(LONG) for u in fields]
         springs, self.coarse.rho = self.coarse.rho, np.zeros(len(self.coarse.rho))
-        try:  # springs carry what is out of balance as it is
+        whole = np.append(weights, np.zeros(len(springs)))
+        try:
+            fields = self.recovery.displacements(rows, whole, None, None)
+            fields = [u.astype(LONG) for u in fields]
             for _ in range(PASSES):
                 parts = self._changes(self._residual(rows, weights, fields), len(rows))
                 fields = [sum(of_field) for of_field in zip(fields, *parts)]

@@ -176,28 +176,35 @@ class DualOperator(DualProblem):
         total = vectors.add_up()
         return total if self.softness is None else total + self.softness * multipliers
 
-    def gradient(self, multipliers: np.ndarray, d: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """See DualProblem: displacements of supported bodies are refined where stiffness jumps."""
-        if self.levels == 1 or self.modes:
-            return super().gradient(multipliers, d, weights)
+    def gradient(self, multipliers: np.ndarray, load) -> np.ndarray:
+        """See DualProblem: displacements are refined where stiffness jumps."""
+        if self.levels == 1:
+            return super().gradient(multipliers, load)
         self.products += 1 + PASSES
-        factors = weights[: self.structure.patterns]
-        fields = self._by_forces(multipliers, factors, refined=True)
-        moved = self._refinement.moved(self._signed_rows(multipliers), fields)
-        elastic = self.vectors.assemble(moved * self.vectors.sign)
-        total = (self.elastic_response(factors) - d) - elastic
+        rows = self._signed_rows(multipliers)
+        fields = self._refined().fields(rows, load.weights[: self.structure.patterns])
+        moved = self._refined().moved(rows, fields)
+        total = -load.rest - self.vectors.assemble(moved * self.vectors.sign)
         return total if self.softness is None else total + self.softness * multipliers
+
+    def _refined(self) -> Refinement:
+        """What refines displacements, made when it is first asked for."""
+        if self._refinement is None:
+            self._refinement = Refinement(self.structure, self.classes, self.coarse, self._recovery)
+        return self._refinement
 
     def _by_forces(self, multipliers: np.ndarray, weights: np.ndarray, refined: bool) -> list:
         """Displacements (dofs,) of every local subdomain, by factors or `refined`."""
-        rows = self._signed_rows(multipliers)
-        corner = self._corner_displacements(rows, weights)
-        fields = self._recovery.displacements(rows, weights, None, corner)
+        rows, patterns = self._signed_rows(multipliers), self.structure.patterns
         if not refined:
+            corner = self._corner_displacements(rows, weights)
+            return self._recovery.displacements(rows, weights, None, corner)
+        fields = self._refined().fields(rows, weights[:patterns])
+        if not self.modes:
             return fields
-        if self._refinement is None:
-            self._refinement = Refinement(self.structure, self.classes, self.coarse, self._recovery)
-        return self._refinement.fields(rows, weights, fields)
+        motions = np.append(np.zeros(patterns), weights[patterns:])
+        rigid = self._recovery.displacements(np.zeros(len(rows)), motions, None, None)
+        return [u + r for u, r in zip(fields, rigid)]
 
     def dot(self, a: np.ndarray, b: np.ndarray) -> float:
         """Global scalar product: partial sums by subdomain, added in their order."""

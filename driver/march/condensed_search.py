@@ -66,8 +66,6 @@ class CondensedSearch:
         self.qp, self.bodies, self.slip, self.condensation = qp, bodies, slip, condensation
         self.operator, self.rows = qp.operator, qp.rows
         self.stiff = self.operator.levels > 1 and not self.operator.contact_rows_only
-        # the springs of bodies without support make far more of the last digit of forces
-        self.refines = self.stiff and not self.operator.modes
 
     def solution(self, index: int, load: Load, x: np.ndarray, trace: Trace, rtol: float):
         """Multipliers near x that solve the step, their gradient and the rows that slide.
@@ -90,24 +88,32 @@ class CondensedSearch:
             return None
         x, gradient, self.rows.coefficient, motion = answer
         self._shift(load, motion)
-        trace.refined = self.refines
+        trace.refined = self.stiff
         return x, gradient, self.rows.sliding(x, self.rows.friction_bound(x))
 
     def _search(self, index: int, load: Load, x, trace: Trace, rtol: float) -> tuple | None:
-        """Multipliers, gradient, friction coefficients and motions of a solution, or None."""
+        """Multipliers, gradient, friction coefficients and motions of a solution, or None.
+
+        Where rounding keeps friction bounds or bodies from settling within a tightened `rtol`, the
+        best pass in which they settle as far as a step asks for: its residuals say whether it does.
+        """
         rows, changes = self.rows, self.slip.effects.coefficient_changes
         secants, method = Anderson(self.dot, LAW_SECANTS, 1.0), globalization.NEWTON
-        headway = _Headway()
+        headway, nearly, own = _Headway(), _Headway(), self.qp.settings.friction_rtol
         x, gradient = self._glued(index, load, x, trace)
         for _ in range(PASSES):
             coefficient, bound = rows.coefficient, rows.friction_bound(x)
             self.slip.renew_coefficient(gradient)
-            settled = self._settled(load, x, rows.friction_bound(x) - bound, rtol)
+            coefficient = self._of_acting(coefficient)
+            apart = rows.friction_bound(x) - bound
+            settled = self._settled(load, x, apart, rtol)
+            almost = settled or own > rtol and self._settled(load, x, apart, own)
             whole, missed = self._missed(x, gradient, bound)
             change, solver = self._corrected(load, x, gradient), globalization.NEWTON
             lacking = np.inf if change is None else self._share(change, x)
             state = x, gradient, coefficient, self._motion(load)
             headway.note(state if settled else None, missed, lacking)
+            nearly.note(state if almost else None, missed, lacking)
             if settled and self._ends(whole, missed, headway.idle):
                 self.qp.history.fallbacks.note(method, index)
                 return headway.answer
@@ -121,7 +127,20 @@ class CondensedSearch:
                 return None
             method = method if solver == globalization.NEWTON else solver
             x, gradient = self._followed(index, load, x, gradient, change, trace)
-        return None
+        if nearly.answer is not None:
+            self.qp.history.fallbacks.note(method, index)
+        return nearly.answer
+
+    def _of_acting(self, coefficient: np.ndarray) -> np.ndarray:
+        """`coefficient` (j,) where friction acts, in other rows of corners that of their own slip.
+
+        Condensed problems leave these out; what a vertex's force is shared by depends on both.
+        """
+        if self.rows.corners is None or not self.slip.effects.coefficient_changes:
+            return coefficient
+        renewed, idle = coefficient.copy(), self.rows.corners.without_friction
+        renewed[idle] = self.rows.coefficient[idle]
+        return renewed
 
     # ---- one pass --------------------------------------------------------------------------------
     def _settled(self, load: Load, x, change: np.ndarray, rtol: float) -> bool:
@@ -144,7 +163,7 @@ class CondensedSearch:
     def _ends(self, whole: float, missed: float, idle: int) -> bool:
         """Whether no more passes are made: contact rows between stiff parts get all digits."""
         enough = whole <= 2 * self.qp.tol  # of which the gluing rows alone may have tol
-        waits = LATER if self.refines else 0
+        waits = LATER if self.stiff else 0
         return missed == 0 or idle >= IDLE or enough and (idle > waits or not self.stiff)
 
     def _glued(self, index: int, load: Load, x, trace: Trace) -> tuple[np.ndarray, np.ndarray]:
@@ -152,11 +171,11 @@ class CondensedSearch:
         trace.iterations += 1
         fixed = self.condensation.fixing(x)
         x, gradient = self._solved(index, trace.iterations, load.d, fixed, x, None)
-        return x, self._exact(load, x) if self.refines else gradient
+        return x, self._exact(load, x) if self.stiff else gradient
 
     def _exact(self, load: Load, x: np.ndarray) -> np.ndarray:
         """The gradient at x to all digits."""
-        return self.operator.gradient(x, load.d, load.weights)
+        return self.operator.gradient(x, load)
 
     def _followed(self, index: int, load: Load, x, gradient, change: np.ndarray, trace: Trace):
         """x after a `change` of contact rows and motions, and its gradient.
@@ -167,7 +186,7 @@ class CondensedSearch:
         op, qp, tol = self.operator, self.qp, self.qp.tol
         contact, motion = np.split(change, [self.condensation.size])
         change, before = self.condensation.place(contact, np.zeros_like(x)), np.zeros_like(x)
-        if self.refines:
+        if self.stiff:
             before = gradient
         moved = op.apply(change) + before
         pushed = np.zeros_like(moved)
@@ -179,8 +198,10 @@ class CondensedSearch:
                                      self.condensation.fixing(change), change, moved)
         finally:
             qp.tol = tol
+        if self.stiff and op.modes:  # gradients leave out what springs move, compliances do not
+            motion = motion + op.rho * op.imbalance(change, np.zeros(op.structure.patterns))[0]
         self.bodies.shift(load, motion)
-        x = self._on_bounds(x + change) if self.refines else x + change
+        x = self._on_bounds(x + change) if self.stiff else x + change
         return x, self._exact(load, x)
 
     def _on_bounds(self, x: np.ndarray) -> np.ndarray:
@@ -207,10 +228,9 @@ class CondensedSearch:
     def _corrected(self, load: Load, x, gradient) -> np.ndarray | None:
         """Change (n + m + k,) of contact rows and motions to a solution near x, to its own digits.
 
-        Where stiffness jumps in bodies that supports hold; None elsewhere, where slip changes
-        friction, or if none is near.
+        Where stiffness jumps; None elsewhere, where slip changes friction, or if none is near.
         """
-        if not self.refines or self.slip.effects.coefficient_changes:
+        if not self.stiff or self.slip.effects.coefficient_changes:
             return None
         try:
             problem = self.condensation.problem(load, x, gradient)

@@ -194,7 +194,10 @@ class QuasistaticSolver:
         d += rigid
         d[rows.normal] -= rows.gap
         d[rows.tangential] -= self.slip.elastic
-        return Load(weights, d, extent, float(np.abs(rigid).max(initial=0.0)))
+        travel, rest = float(np.abs(rigid).max(initial=0.0)), rigid.copy()
+        rest[rows.normal] -= rows.gap
+        rest[rows.tangential] -= self.slip.elastic
+        return Load(weights, d, extent, travel, rest=rest)
 
     def without_friction(self) -> tuple[np.ndarray, np.ndarray, Load]:
         """Multipliers (owned,), gradient and load of the equilibrium without friction at time 0.

@@ -42,6 +42,9 @@ class Step:
 class Load:
     """Factors of the load patterns, then of the free rigid motions, and the d they make.
 
+    `rest` is what d has beside B w of the patterns, with its own digits: springs of bodies without
+    support move them far by loads, and d loses the digits of the rest.
+
     `extent` is what multipliers have to overcome, see FrictionQP.extent, and `travel` the largest
     displacement of the rank's rows as bodies move as a whole. Bodies without support may go far and
     come back in a step: d is always that of its `start` and of the way from there, never a sum of
@@ -53,9 +56,11 @@ class Load:
     extent: float
     travel: float = 0.0
     farthest: float = 0.0
+    rest: np.ndarray | None = None
 
     def __post_init__(self):
-        self.start = self.weights.copy(), self.d.copy()
+        self.rest = self.d.copy() if self.rest is None else self.rest
+        self.start = self.weights.copy(), self.d.copy(), self.rest.copy()
 
     def forget(self) -> None:
         """Bodies are back, and nothing is kept that was found while they were elsewhere."""
@@ -63,16 +68,18 @@ class Load:
 
     def widen(self, change: np.ndarray) -> None:
         """Add `change` (owned,) to d, where gaps get smaller by it; bodies stay where they are."""
-        self.d = self.d + change
-        self.start = self.start[0], self.start[1] + change
+        self.d, self.rest = self.d + change, self.rest + change
+        self.start = self.start[0], self.start[1] + change, self.start[2] + change
 
     def move(self, motions: list[np.ndarray], change: np.ndarray) -> np.ndarray:
         """Move bodies by `change` (modes,) of their `motions` of dual rows; the change of d."""
-        (weights, d), before, first = self.start, self.d, len(self.weights) - len(motions)
+        (weights, d, rest), before = self.start, self.d
+        first = len(self.weights) - len(motions)
         self.weights[first:] += change
         way = sum((factor * moved for factor, moved in
                    zip((self.weights - weights)[first:], motions)), np.zeros(len(d)))
         self.d, self.farthest = d + way, max(self.farthest, np.abs(way).max(initial=0.0))
+        self.rest = rest + way
         return self.d - before
 
 

@@ -116,7 +116,7 @@ class Tightening:
             gradient = None  # it has followed bodies that went so far: their rounding is in it
         x, gradient, moved = self.march.into_cone(load.d, x, gradient, sliding)
         if self._eliminates and self.operator.levels > 1:
-            gradient = self.operator.gradient(x, load.d, load.weights)
+            gradient = self.operator.gradient(x, load)
         found = residuals.of(load, x, gradient, exact=True)
         self.answer = residuals.free_of_forces(load, x) if residuals.faded(x) else None
         excess = {name: value / residuals.asked(name) for name, value in found.items()}

@@ -9,6 +9,11 @@ derivative. With r the rigidity of a node's row and g = c + law(slip) |lambda_n|
 with equilibrium, are piecewise smooth equations of multipliers and rigid motions; steps of their
 generalized derivative are shortened until the residual falls (L. Qi, J. Sun, Math. Program. 58
 (1993) 353-367; P. Alart, A. Curnier, CMAME 92 (1991) 353-375).
+
+r is the force that moves a row by one while all others stay, 1 / r not its own compliance: a body
+on weak springs moves far more as a whole than it deforms, and with the springs' stiffness for r the
+residual would not see what keeps nodes in their states, nor ends of steps the digits of slip.
+Movements are changed by those of steps: a product with all forces rounds off more.
 """
 
 from collections.abc import Callable
@@ -29,34 +34,35 @@ class _Equations:
 
     def __init__(self, problem: CoulombProblem, law: Callable[[np.ndarray], np.ndarray]):
         self.problem, self.law = problem, law
-        self.root = np.sqrt(problem.rigidity)
+        self.rigidity = _rigidity(problem.compliance)
+        self.root = np.sqrt(self.rigidity)
         self.unit = np.append(self.root, 1.0 / (problem.reach * np.sqrt(
-            np.median(problem.rigidity)) if problem.k else np.zeros(0)))
+            np.median(self.rigidity)) if problem.k else np.zeros(0)))
         self.offset = np.zeros(problem.m) if problem.offset is None else problem.offset
 
     def bound(self, z: np.ndarray, slip: np.ndarray) -> np.ndarray:
         """(m,) friction bounds."""
         return self.offset + self.law(slip) * np.abs(z[self.problem.pair])
 
-    def residual(self, z: np.ndarray) -> np.ndarray:
-        """(n + m + k,) over their units."""
+    def residual(self, z: np.ndarray, movement: np.ndarray) -> np.ndarray:
+        """(n + m + k,) over their units, `movement` (n + m,) that at z."""
         problem, n = self.problem, self.problem.n
-        forces = problem.rigidity * problem.movement(z)
+        forces = self.rigidity * movement
         normal, rub = z[:n] + forces[:n], z[n : problem.rows] + forces[n:]
-        bound = self.bound(z, forces[n:] / problem.rigidity[n:])
+        bound = self.bound(z, movement[n:])
         left = np.concatenate([np.where(problem.bilateral, -forces[:n],
                                         z[:n] - np.maximum(normal, 0.0)),
                                z[n : problem.rows] - np.clip(rub, -bound, bound)])
         net = problem.motions.T @ z[: problem.rows] - problem.balance
         return np.append(left / self.root, net * self.unit[problem.rows :])
 
-    def derivative(self, z: np.ndarray) -> np.ndarray:
+    def derivative(self, z: np.ndarray, movement: np.ndarray) -> np.ndarray:
         """Of the residual by z over the units, (n + m + k, n + m + k)."""
         problem, n, k = self.problem, self.problem.n, self.problem.k
-        rows, pair, r = problem.rows, problem.pair, problem.rigidity
+        rows, pair, r = problem.rows, problem.pair, self.rigidity
         unit, move = np.eye(rows + k)[:rows], np.hstack([-problem.compliance, problem.motions])
-        slip = problem.movement(z)[n:]
-        normal, rub = z[:n] + r[:n] * problem.movement(z)[:n], z[n:rows] + r[n:] * slip
+        slip = movement[n:]
+        normal, rub = z[:n] + r[:n] * movement[:n], z[n:rows] + r[n:] * slip
         ahead = NEAR * max(np.abs(slip).max(initial=0.0), 1e-300)
         ahead = np.where(slip < 0, -ahead, ahead)  # away from the kink where nothing slides
         factor = self.law(slip)
@@ -74,6 +80,16 @@ class _Equations:
         return np.vstack([whole, net]) * self.unit
 
 
+def _rigidity(compliance: np.ndarray) -> np.ndarray:
+    """(n + m,) forces that move a row by one while all others stay.
+
+    Rows that depend on one another cannot: they count as 1 / WEAK times their own rigidity.
+    """
+    root = np.sqrt(np.diag(compliance))
+    alike = compliance / np.outer(root, root) + WEAK * np.eye(len(root))
+    return np.diag(np.linalg.inv(alike)) / root**2
+
+
 def consistent(problem: CoulombProblem, z: np.ndarray,
                law: Callable[[np.ndarray], np.ndarray]) -> np.ndarray | None:
     """A solution with the coefficients `law` (m,) of its own slip (m,), by steps from `z`.
@@ -82,19 +98,21 @@ def consistent(problem: CoulombProblem, z: np.ndarray,
     None if steps from there do not come to one.
     """
     equations = _Equations(problem, law)
-    left = equations.residual(z)
+    move = problem.movement(z)
+    left = equations.residual(z, move)
     for _ in range(STEPS):
-        size = np.linalg.norm(z / equations.unit)
-        if np.linalg.norm(left) <= EXACT * size:
+        if np.linalg.norm(left) <= EXACT * np.linalg.norm(z / equations.unit):
             break  # to rounding
-        step = equations.unit * np.linalg.lstsq(equations.derivative(z), -left, rcond=WEAK)[0]
+        slope = equations.derivative(z, move)
+        step = equations.unit * np.linalg.lstsq(slope, -left, rcond=WEAK)[0]
         for _ in range(HALVINGS):
-            near = equations.residual(z + step)
+            moved = problem.moved(move, step)
+            near = equations.residual(z + step, moved)
             if np.linalg.norm(near) < np.linalg.norm(left):
                 break
             step = 0.5 * step
         else:
             break
-        z, left = z + step, near
-    own = problem.under(problem.load, law(problem.movement(z)[problem.n :]))
+        z, move, left = z + step, moved, near
+    own = problem.under(problem.load, law(move[problem.n :]))
     return own.on_bounds(z) if own.solves(z) else None

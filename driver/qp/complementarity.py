@@ -113,16 +113,17 @@ def corrected(problem: CoulombProblem, z: np.ndarray, movement: np.ndarray) -> n
     """Change of z to a solution by Newton steps, to digits of the change.
 
     `movement` (n + m,) is that at z, better known than a product with the compliance knows it. None
-    where states do not settle: on their border they may come again, in a solution to rounding.
+    where states do not settle: on their border they may come again, in a solution to rounding. Nor
+    do states that settle balance motions that they do not hold.
     """
     change, moved, seen = np.zeros_like(z), movement, []
     for _ in range(NEWTON_STEPS):
         states, sign = problem.states(z + change, moved), problem.signs(z + change)
         key = states.tobytes() + sign.tobytes()
-        if seen and key == seen[-1]:
-            return change
         if key in seen:
-            return change if problem.violation(z + change, moved) <= ROUNDING else None
+            settled = key == seen[-1] and not problem.k
+            obeys = settled or problem.violation(z + change, moved) <= ROUNDING
+            return change if obeys else None
         seen.append(key)
         found = problem.correction_in(states, sign, z, movement)
         if found is None:

@@ -7,7 +7,7 @@ import pytest
 
 from driver.errors import NotConverged
 from driver.march import condensed_search, fixed_point, globalization
-from driver.march.step import Trace, Unfinished
+from driver.march.step import Load, Trace, Unfinished
 from test_dense_steps import N, TIGHT, load_of, parts, solves
 
 NOISE = 1e-7  # part of displacements that products round off
@@ -31,7 +31,7 @@ def noisy(seed: int):
         return y + NOISE * np.linalg.norm(y) * draw.standard_normal(3 * N)
 
     of.operator.apply = apply
-    of.operator.gradient = lambda x, d, weights: product(x) - d
+    of.operator.gradient = lambda x, load: product(x) - load.d
     return of, product
 
 
@@ -198,3 +198,75 @@ def test_an_open_corner_rubs_without_its_normal_row(seed):
     missed = np.concatenate([(x - np.maximum(x + move, 0.0))[1:N], move[2 * N :],
                              x[t] - np.clip(x[t] + move[t], -bound, bound)])
     np.testing.assert_allclose(missed, 0.0, atol=1e-8 * np.abs(load.d).max())
+
+
+@pytest.mark.parametrize("change, own, found", [(1e-9, 1e-8, True), (1e-9, 1e-10, False),
+                                                (1e-7, 1e-8, False)])
+def test_the_best_pass_is_judged_where_a_tightened_tolerance_is_below_rounding(change, own, found):
+    """Friction bounds that go on changing by rounding, of size `change`, settle within what a step
+    asks for, `own`, but not within 1e-12.
+    """
+    of = parts(1, 0.3, rtol=1e-11, friction_rtol=own)
+    load, search = load_of(of), of.fixed.search
+    search._settled = lambda load, x, bounds, rtol: change <= rtol
+    answer = search.solution(1, load, np.zeros(3 * N), Trace(), 1e-12)
+    assert (answer is not None) == found
+    if found:
+        assert solves(of, load, answer[0])
+
+
+def test_rows_that_a_corner_leaves_out_have_the_friction_of_their_own_slip():
+    """By which the force on a vertex is shared, whatever coefficient they had when it was found."""
+    of = parts(1, 0.3, **TIGHT)
+    of.rows.corners = SimpleNamespace(without_friction=np.array([2]))
+    of.slip.effects.coefficient_changes = True
+    solved, of.rows.coefficient = np.full(N, 0.3), np.full(N, 0.2)
+    assert of.fixed.search._of_acting(solved).tolist() == [
+        0.2 if row == 2 else 0.3 for row in range(N)]
+    assert solved.tolist() == [0.3] * N
+    of.slip.effects.coefficient_changes = False
+    assert of.fixed.search._of_acting(solved) is solved
+
+
+def slipping(seed: int) -> SimpleNamespace:
+    """Friction that falls by slip, and a load that presses all nodes."""
+    of, pressing = parts(seed, 0.3, **TIGHT), np.zeros(3 * N)
+    load, pressing[: 2 * N] = load_of(of), np.repeat([1.0, 0.1], N)
+    load = Load(load.weights, load.d + of.operator.F @ pressing, load.extent)
+
+    def renew(gradient: np.ndarray) -> None:
+        of.rows.coefficient = 0.3 / (1.0 + 0.5 * np.abs(gradient[N : 2 * N]))
+
+    of.slip.effects.coefficient_changes, of.slip.renew_coefficient = True, renew
+    of.load = load
+    return of
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_search_ends_with_the_friction_of_slip_in_rows_that_corners_leave_out(seed):
+    of, acts = slipping(seed), np.arange(N) < N - 1
+    of.rows.corners = SimpleNamespace(
+        excluded=np.array([N - 1, 2 * N - 1]), standing=np.zeros(0, int),
+        without_friction=np.array([N - 1]), act=lambda count: (acts, acts))
+    of.condensation.select()
+    _, gradient, _ = of.fixed.search.solution(1, of.load, np.zeros(3 * N), Trace(), 1e-9)
+    found, slip = of.rows.coefficient[-1], gradient[2 * N - 1]
+    assert abs(slip) > 0.1 and found == pytest.approx(0.3 / (1.0 + 0.5 * abs(slip)), rel=1e-9)
+
+
+@pytest.mark.parametrize("levels, expected", [(2, 7.0 + 0.5 * 3.0), (1, 7.0)])
+def test_bodies_move_by_what_springs_would_where_gradients_leave_springs_out(levels, expected):
+    """A condensed problem has bodies on springs: forces of work -3 on a motion change by as much
+    what the springs of compliance 0.5 carry, and bodies move that way beside the 7 of the problem.
+    """
+    of = parts(1, levels=levels, **TIGHT)
+    load, moved, zero = load_of(of), [], np.zeros(3 * N)
+    of.operator.modes, of.operator.rho = 1, np.array([0.5])
+    of.operator.structure.patterns = 1
+    work = np.append(np.array([1.0, 2.0]), zero[2:])
+    of.operator.imbalance = lambda x, weights: (np.array([-work @ x + weights @ [100.0]]), None)
+    of.fixed.search.bodies = SimpleNamespace(
+        shift=lambda load, change: moved.extend(change.tolist()))
+    change = np.append([-1.0, -1.0], np.zeros(2 * N - 2))
+    of.fixed.search._followed(1, load, zero, -load.d, np.append(change, 7.0), Trace())
+    assert moved == [expected]

@@ -46,9 +46,9 @@ class Dense:
         self.products += 1
         return self.F @ x
 
-    def gradient(self, x: np.ndarray, d: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    def gradient(self, x: np.ndarray, load: Load) -> np.ndarray:
         """F x - d."""
-        return self.apply(x) - d
+        return self.apply(x) - load.d
 
     @staticmethod
     def dot(a: np.ndarray, b: np.ndarray) -> float:
@@ -449,6 +449,7 @@ def test_the_load_of_a_step():
     rigid = np.array([0.0, 2, 4, 1.5 * 3 - 0.1, 1.5 * 4, 1.5 * 5, 0, 0, 0])
     np.testing.assert_allclose(load.d, 2 + rigid - [0.5, 0.25, 0, 0.25, 0.5, 1, 0, 0, 0])
     assert load.extent == 7.0 and load.travel == pytest.approx(7.5)
+    np.testing.assert_allclose(load.rest, load.d - 2)
     np.testing.assert_allclose(seen[0][1], rigid)
     assert load.weights.tolist() == [2.0]
 
@@ -668,8 +669,18 @@ def test_gaps_that_close_stay_closed_wherever_bodies_go():
     assert load.d.tolist() == [4.25, -0.5] and load.farthest == 3.0
     change = load.move(motion, np.array([-3.0]))
     assert load.d.tolist() == [1.25, -2.0] and change.tolist() == [-3.0, -1.5]
+    assert load.rest.tolist() == [1.25, -2.0]
     load.forget()
     assert load.farthest == 0.0
+
+
+def test_what_bodies_move_by_has_digits_beside_what_springs_make_of_loads():
+    """Which d has not: of 1e6 beside 1e-12 nothing is left."""
+    far, rest = np.array([1e6, -1e6]), np.array([1e-12, 0.0])
+    load = Load(np.zeros(1), far + rest, 1.0, rest=rest)
+    load.move([np.array([1.0, 0.5])], np.array([2e-12]))
+    load.widen(np.array([0.0, 1e-12]))
+    assert load.rest.tolist() == [3e-12, 2e-12] and load.d.tolist() == far.tolist()
 
 
 def test_what_has_no_free_motion_stays_where_it_is():

@@ -68,3 +68,13 @@ def test_states_that_come_again_are_taken_where_the_law_holds_to_rounding(overla
     z = np.array([1.0, 0.0])
     change = corrected(problem, z, problem.movement(z))
     assert (change is not None) == settles
+
+
+def test_states_that_settle_but_balance_nothing_are_no_solution():
+    """A node that opens under a load that pulls its body away: no row holds the motion."""
+    pulled = CoulombProblem(np.eye(1), np.array([-1.0]), np.zeros(0), np.zeros(0, int), False,
+                            np.ones((1, 1)), np.array([-2.0]))
+    assert corrected(pulled, np.zeros(2), np.array([-1.0])) is None
+    pushed = CoulombProblem(np.eye(1), np.array([1.0]), np.zeros(0), np.zeros(0, int), False,
+                            np.ones((1, 1)), np.array([2.0]))
+    assert corrected(pushed, np.zeros(2), np.array([1.0])) == pytest.approx([2.0, 1.0])
