@@ -258,6 +258,7 @@ class QuasistaticSolver:
             start = x, moved - load.d, sliding
             x, gradient, moved, residuals = self.closure.settled(index, load, start, trace,
                                                                  self._settled)
+            self.history.counts["condensed_steps"] += bool(trace.shortcut)
             self._examine(index, load, x, gradient, trace)
             self.bodies.note_loose_motion(index, x)
         except Unfinished as failure:

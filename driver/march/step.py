@@ -89,7 +89,8 @@ class History:
 
     counts: dict = field(default_factory=lambda: dict.fromkeys(
         ("fixed_point_iterations", "dual_multiplications", "dual_multiplications_setup", "cg_steps",
-         "expansion_steps", "proportioning_steps", "contact_block_products"), 0))
+         "expansion_steps", "proportioning_steps", "contact_block_products", "condensed_steps"),
+        0))
     log: list = field(default_factory=list)  # (product, step, iteration, kind, residual)
     residuals: dict = field(default_factory=dict)
     steps: int = 0

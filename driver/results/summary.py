@@ -81,6 +81,7 @@ class Summary:
         "cg_steps": "CG steps of MPRGP", "expansion_steps": "expansion steps of MPRGP",
         "proportioning_steps": "proportioning steps of MPRGP",
         "contact_block_products": "products with the contact rows' block alone",
+        "condensed_steps": "time steps that Newton's method on the contact rows has ended",
         "geometries": "contact geometries in all time steps, where contact follows the motion"})
     residuals: dict = entry(
         "relative residuals of the KKT conditions, worst of all steps; a step has converged with "

@@ -12,11 +12,13 @@ def describe(summary: dict, out: Path) -> str:
     title = " ".join(filter(None, (summary["scene"], summary["variant"])))
     sizes, counts = summary["sizes"], summary["counts"]
     worst = max(summary["residuals"].values(), default=0)
+    condensed = counts.get("condensed_steps")
+    newton = f"Newton's method on the contact rows in {condensed} steps, " if condensed else ""
     lines = [f"{title}: {sizes['subdomains']} subdomains, {sizes['primal_dofs']} primal and "
              f"{sizes['dual_dofs']} dual dofs, {summary['steps']} steps",
              f"{counts['fixed_point_iterations']} fixed-point iterations, "
-             f"{counts['dual_multiplications']} products with F, largest KKT residual {worst:.1e}, "
-             f"force balance {summary['balance']:.1e}",
+             f"{counts['dual_multiplications']} products with F, {newton}largest KKT residual "
+             f"{worst:.1e}, force balance {summary['balance']:.1e}",
              f"{_seconds(summary['seconds'])}, results in {shown(out)}",
              *never_mattered(summary["effects_ledger"]),
              *screen.materials(summary.get("materials", []), summary["units"]),

@@ -137,12 +137,13 @@ def test_steps_after_an_elimination_begin_with_newton(built, steps_of, monkeypat
     """
     problem = built("tutorial", **DRAGGED_PROBLEM | {"subdomains": 8, "steps": 6})
     solver, short = steps_of(problem)
-    assert solver.fixed_point.shortcut.made
+    assert solver.fixed_point.shortcut.made and solver.history.counts["condensed_steps"] == 6
     assert [step.fixed_point_iterations for step in short] == [3, 0, 0, 0, 0, 0]
     assert max(step.products for step in short[1:]) <= 6
     monkeypatch.setattr(Shortcut, "begins", lambda *_: False)
     monkeypatch.setattr(shortcut, "LEAST", np.inf)
-    _, long = steps_of(problem)
+    plain, long = steps_of(problem)
+    assert plain.history.counts["condensed_steps"] == 0
     assert sum(step.products for step in long) > 3 * sum(step.products for step in short)
     for one, other in zip(short, long):
         np.testing.assert_allclose(one.multipliers, other.multipliers, rtol=0,
