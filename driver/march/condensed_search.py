@@ -109,7 +109,9 @@ class CondensedSearch:
             settled = self._settled(load, x, apart, rtol)
             almost = settled or own > rtol and self._settled(load, x, apart, own)
             whole, missed = self._missed(x, gradient, bound)
-            change, solver = self._corrected(load, x, gradient), globalization.NEWTON
+            known = settled or not changes  # friction
+            change = self._corrected(load, x, gradient) if known else None
+            solver = globalization.NEWTON
             lacking = np.inf if change is None else self._share(change, x)
             state = x, gradient, coefficient, self._motion(load)
             headway.note(state if settled else None, missed, lacking)
@@ -228,9 +230,10 @@ class CondensedSearch:
     def _corrected(self, load: Load, x, gradient) -> np.ndarray | None:
         """Change (n + m + k,) of contact rows and motions to a solution near x, to its own digits.
 
-        Where stiffness jumps; None elsewhere, where slip changes friction, or if none is near.
+        With the friction coefficients as they are. Where stiffness jumps; None elsewhere, or if
+        none is near.
         """
-        if not self.stiff or self.slip.effects.coefficient_changes:
+        if not self.stiff:
             return None
         try:
             problem = self.condensation.problem(load, x, gradient)
