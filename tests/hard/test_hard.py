@@ -39,7 +39,8 @@ def here(monkeypatch):
 
 
 @pytest.mark.parametrize("case", [
-    pytest.param(case, id=case.name, marks=[pytest.mark.slow] * (number % 3 > 0))  # a third by default
+    # a third by default
+    pytest.param(case, id=case.name, marks=[pytest.mark.slow] * (number % 3 > 0))
     for number, case in enumerate(FAST)])
 @pytest.mark.usefixtures("here")
 def test_fast(case, tmp_path):
