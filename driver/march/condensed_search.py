@@ -165,8 +165,7 @@ class CondensedSearch:
     def _ends(self, whole: float, missed: float, idle: int) -> bool:
         """Whether no more passes are made: contact rows between stiff parts get all digits."""
         enough = whole <= 2 * self.qp.tol  # of which the gluing rows alone may have tol
-        waits = LATER if self.stiff else 0
-        return missed == 0 or idle >= IDLE or enough and (idle > waits or not self.stiff)
+        return missed == 0 or idle >= IDLE or enough and (not self.stiff or idle > LATER)
 
     def _glued(self, index: int, load: Load, x, trace: Trace) -> tuple[np.ndarray, np.ndarray]:
         """x with the gluing multipliers that its contact multipliers ask for, and its gradient."""
@@ -187,9 +186,8 @@ class CondensedSearch:
         trace.iterations += 1
         op, qp, tol = self.operator, self.qp, self.qp.tol
         contact, motion = np.split(change, [self.condensation.size])
-        change, before = self.condensation.place(contact, np.zeros_like(x)), np.zeros_like(x)
-        if self.stiff:
-            before = gradient
+        change = self.condensation.place(contact, np.zeros_like(x))
+        before = gradient if self.stiff else np.zeros_like(x)
         moved = op.apply(change) + before
         pushed = np.zeros_like(moved)
         pushed[self.rows.gluing] = moved[self.rows.gluing]
