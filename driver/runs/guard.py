@@ -4,6 +4,7 @@ A run replaces a directory as a whole, so the directory must hold what runs writ
 every name in it is compared with what there can be. Names are looked at without following links.
 """
 
+import fcntl
 import json
 import os
 import re
@@ -27,6 +28,8 @@ UNFINISHED = (r"(request|answer)\.json",
               r"(export|values|companions|levels|cycle-\d+)(/.*)?")
 FOLDERS = ("fields", "figures")
 STUDY = ".study"  # file in the directory of a study: its name
+BUSY = "is where another make {} works: wait for its end or choose another directory"
+_at_work = {}  # descriptor of each directory of a study of this process, by device and inode
 
 
 def foreign(directory: Path, unfinished: bool = False) -> str:
@@ -104,13 +107,16 @@ def study_folder(out: Path | str, study: str) -> Path:
     """The directory of a study that adds its files there, made and marked; without links.
 
     It must be new, empty or marked by an earlier study of this name, before any work is done: such
-    studies write over files of theirs and remove folders of theirs. Raises InputError.
+    studies write over files of theirs and remove folders of theirs. It is locked as long as this
+    process lives. Raises InputError.
     """
     try:
         place = resolve(Path(out).absolute())
         reason = _unfit(place, study)
         if not reason:
             place.mkdir(parents=True, exist_ok=True)
+            reason = "" if _hold(place) else BUSY.format(study)
+        if not reason:
             (place / STUDY).write_text(f"{study}\n")
             return place
     except OSError as problem:
@@ -135,6 +141,38 @@ def _unfit(place: Path, study: str) -> str:
     if (earlier := mark.read_text(errors="replace").strip()) != study:
         return f"holds results of make {earlier}, not of make {study}; choose another directory"
     return ""
+
+
+def _hold(place: Path) -> bool:
+    """Lock the directory of a study; False if another process has. Raises OSError.
+
+    File systems without locks let everybody in.
+    """
+    descriptor = os.open(place, os.O_RDONLY | os.O_DIRECTORY)
+    status = os.fstat(descriptor)
+    key = status.st_dev, status.st_ino
+    if key in _at_work:  # a second lock would wait for the first
+        os.close(descriptor)
+        return True
+    if not locked(descriptor, elsewhere=True):
+        os.close(descriptor)
+        return False
+    _at_work[key] = descriptor
+    return True
+
+
+def locked(descriptor, elsewhere: bool = False) -> bool:
+    """Lock an open file or directory; False if another process holds it.
+
+    `elsewhere` is the answer of a file system that has no locks.
+    """
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        return elsewhere
+    return True
 
 
 # ---- other users ---------------------------------------------------------------------------------

@@ -11,7 +11,6 @@ or removed beside them. The package filelock locks only files, which it empties.
 import contextlib
 import ctypes
 import errno
-import fcntl
 import os
 import re
 import shutil
@@ -194,7 +193,7 @@ class Workspace:
         descriptor = guard.open_own(name)
         if descriptor is None:
             return None
-        if not _locked(descriptor):
+        if not guard.locked(descriptor):
             os.close(descriptor)
             return None
         path = name
@@ -303,18 +302,9 @@ def _warn(words: str) -> None:
     print(f"warning: {words}", file=sys.stderr, flush=True)
 
 
-def _locked(descriptor) -> bool:
-    """Lock an open file or directory; False if another process holds it or locks are unknown."""
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        return False
-    return True
-
-
 def lock_log(file) -> None:
     """Rank 0 locks its log, if it can: a killed run's ranks end before it is taken up."""
-    _locked(file)
+    guard.locked(file)
 
 
 def _ended(path: Path) -> bool:
@@ -322,7 +312,7 @@ def _ended(path: Path) -> bool:
     limit = time.monotonic() + PATIENCE
     with open(path / "run.log", "a") as log:
         while time.monotonic() < limit:
-            if _locked(log):
+            if guard.locked(log):
                 return True
             time.sleep(0.05)
     return False

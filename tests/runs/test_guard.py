@@ -7,6 +7,8 @@ import io
 import json
 import os
 import shutil
+import subprocess
+import sys
 import zlib
 from pathlib import Path
 
@@ -483,3 +485,19 @@ def test_the_folder_of_a_study(tmp_path):
     (tmp_path / "other" / guard.STUDY).symlink_to(tmp_path / guard.STUDY)
     with pytest.raises(InputError, match="no results of make hard"):
         guard.study_folder(tmp_path / "other", "hard")
+
+
+def test_two_studies_do_not_work_in_one_place(tmp_path):
+    """The second would remove the first one's folders; this process may come back to its own."""
+    other = (f"import sys; sys.path.insert(0, {str(environment.ROOT)!r})\n"
+             "from driver.runs import guard\n"
+             f"guard.study_folder({str(tmp_path)!r}, 'hard')\n"
+             "print('there', flush=True)\ninput()")
+    with subprocess.Popen([sys.executable, "-c", other], stdin=subprocess.PIPE,
+                          stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline() == "there\n"
+        with pytest.raises(InputError, match="is where another make hard works: wait"):
+            guard.study_folder(tmp_path, "hard")
+        process.communicate("\n")
+    for _ in range(2):
+        assert guard.study_folder(tmp_path, "hard") == tmp_path
