@@ -8,7 +8,7 @@ between nodes as those of the whole scene, see quantities.py.
 import numpy as np
 
 from ..contact.states import OPEN, SLIP, ContactField
-from .quantities import chains, contact_length, longest_way, peak, traction
+from .quantities import chains, contact_length, longest_ways, peak, traction
 from .tables import BOUNDARIES
 
 WORK = "work"  # of friction, beside the names of ContactField
@@ -55,13 +55,12 @@ def _one_boundary(boundary, states: dict[str, np.ndarray], label: int, share: np
         p, t = pressure * weight, shear * weight
         force = np.column_stack([(-t * y - p * x).sum(axis=1), (t * x - p * y).sum(axis=1)])
     dissipated = np.cumsum(states[WORK] @ share[own])
+    slip = np.max([longest_ways(nodes, piece, states) for piece in pieces], axis=0)
     rows = []
     for k in range(len(pressure)):
-        so_far = {name: column[: k + 1] for name, column in states.items()}
         highest = max(peak(nodes["arc"][piece], traction(nodes, np.abs(pressure[k]), piece))
                       for piece in pieces)
-        slip = max(longest_way(nodes, piece, so_far, k) for piece in pieces)
         values = (pressure[k] @ weight, shear[k] @ weight, *force[k], highest,
-                  contact_length(nodes, pieces, states, k), slip, dissipated[k])
+                  contact_length(nodes, pieces, states, k), slip[k], dissipated[k])
         rows.append((label, *map(float, values)))
     return rows

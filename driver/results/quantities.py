@@ -58,7 +58,7 @@ def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[st
               "displacement": displacement[index]}
     if effects.frictional:
         values |= {"tangential_resultant": resultant(shares, steps["sigma_t"][index], weight),
-                   "slip": max(longest_way(nodes, piece, steps, index) for piece in pieces),
+                   "slip": max(longest_ways(nodes, piece, steps)[-1] for piece in pieces),
                    "dissipated_energy": steps["work"].sum()}
     if "worn_volume" in effects.quantities:
         values["worn_volume"] = steps["wear"][index] @ weight
@@ -237,20 +237,25 @@ def moves(steps: dict) -> np.ndarray:
     return size * steps[REPEATS] if REPEATS in steps else size
 
 
-def longest_way(nodes: dict, piece: np.ndarray, steps: dict, index: int) -> float:
-    """Longest way that a point of a piece has slid in contact, also between its nodes.
+def longest_ways(nodes: dict, piece: np.ndarray, steps: dict) -> np.ndarray:
+    """(steps,) longest way until each step that a point of a piece has slid in contact, also
+    between its nodes.
 
     Slip is often largest at an edge of contact; the last closed node alone would tell it by the
     mesh size only. What the open node beyond has moved while its neighbour slid counts up to it.
+    Where contact recedes the farthest point lies at an edge of before: no way becomes shorter.
     """
     move, sliding = moves(steps)[:, piece], steps["status"][:, piece] == SLIP
-    way = np.where(sliding, move, 0.0).sum(axis=0)
-    longest = peak(nodes["arc"][piece], way)
-    for closed, beyond, part in edges_of_contact(nodes, piece, steps, index):
-        with_it = np.where(sliding[:, closed] | sliding[:, beyond], move[:, beyond], 0.0).sum()
-        side = abs(nodes["arc"][piece[beyond]] - nodes["arc"][piece[closed]])
-        longest = max(longest, float(way[closed] + part / side * (with_it - way[closed])))
-    return longest
+    way, longest = np.where(sliding, move, 0.0).cumsum(axis=0), np.zeros(len(move))
+    for k, slid in enumerate(way):
+        longest[k] = peak(nodes["arc"][piece], slid)
+        for closed, beyond, part in edges_of_contact(nodes, piece, steps, k):
+            along = sliding[: k + 1, closed] | sliding[: k + 1, beyond]
+            with_it = np.where(along, move[: k + 1, beyond], 0.0).sum()
+            side = abs(nodes["arc"][piece[beyond]] - nodes["arc"][piece[closed]])
+            longest[k] = max(longest[k],
+                             float(slid[closed] + part / side * (with_it - slid[closed])))
+    return np.maximum.accumulate(longest)
 
 
 def peak_nodes(nodes: dict, steps: dict, index: int) -> np.ndarray:

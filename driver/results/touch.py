@@ -89,12 +89,13 @@ def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
     Beside a clamped node contact may be lost between it and a closed one, over half of the edge.
     Where contact ends between two nodes the place is known to a part of the edge, and where
     pressure falls steeply towards an end of the boundary contact may end before it. The largest
-    slip may be elsewhere by as much as it differs from that of the next nodes in contact. All but
-    the first where FEW nodes are in contact; where there are more by less in proportion: of slip
-    where more have slid, as it is zero wherever all stick. The largest pressure by how far it
+    slip may be elsewhere by as much as it differs from that of the next nodes that have touched. All
+    but the first where FEW nodes are in contact; where there are more by less in proportion: of
+    slip where more have slid, as it is zero wherever all stick. The largest pressure by how far it
     stands out from its neighbours, see `_standing_out`.
     """
-    closed, clamped, edges, apart = steps["status"][index] != OPEN, 0.0, [], 0.0
+    touching = steps["status"][: index + 1] != OPEN
+    closed, clamped, edges, apart = touching[-1], 0.0, [], 0.0
     sliding = steps["status"][: index + 1] == SLIP
     way = np.where(sliding, moves(steps)[: index + 1], 0.0).sum(axis=0)
     top = farthest_node(steps, index)
@@ -103,7 +104,7 @@ def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
             edges += _ends(nodes, piece, closed[piece], -steps["sigma_n"][index][piece])
             if not is_ring(nodes, piece):
                 clamped += float(beyond_ends(nodes, piece) @ closed[piece[[0, -1]]]) / 2
-        near = piece[(np.abs(piece - top) <= 1) & closed[piece]]
+        near = piece[(np.abs(piece - top) <= 1) & touching[:, piece].any(axis=0)]
         if top in piece and len(near):
             apart = float(np.abs(way[near] - way[top]).max())
             apart *= min(1.0, FEW / max(1, np.count_nonzero(sliding[:, piece].any(axis=0))))

@@ -198,7 +198,10 @@ def test_the_peak_of_bilateral_contact_is_where_it_pulls_or_presses_most():
 
 
 def test_a_node_of_another_boundary_says_nothing_of_the_largest_slip():
-    """The last node of one has slid farthest, the first of the other, the next in number, not."""
+    """The last node of one has slid farthest, the first of the other, the next in number, not.
+
+    Nodes that have slid and touch no more say what they said.
+    """
     x = np.arange(6.0)
     slip = np.array([0.0, 1.0, 2.0, 9.0, 0.5, 0.0])
     nodes, steps = line(x, x >= 0, 1.0 + x, 0 * x, slip=slip, status=np.full(6, SLIP))
@@ -210,7 +213,24 @@ def test_a_node_of_another_boundary_says_nothing_of_the_largest_slip():
     steps["status"] = np.vstack([np.full((1, 6), SLIP), steps["status"]])
     steps["slip"] = np.vstack([steps["slip"], 0 * steps["slip"]])
     steps["sigma_n"] = np.vstack([steps["sigma_n"]] * 2)
-    assert touch.between_nodes(nodes, steps, 1)["slip"] == 0.0
+    assert touch.between_nodes(nodes, steps, 0)["slip"] == pytest.approx(0.0)
+    steps["slip"] = steps["slip"][::-1]
+    assert touch.between_nodes(nodes, steps, 1)["slip"] == pytest.approx(6.0)
+
+
+def test_slip_is_that_of_the_edge_where_contact_once_was():
+    """Contact up to 4.4 slides by 1 + x/4, then recedes to 2.4 and slides by a tenth of that: the
+    point that has slid farthest lies at 4.4, and no way becomes shorter.
+    """
+    x = np.arange(8.0)
+    move, shrinks = 1 + x / 4, (4.4, 2.4, 2.4)
+    found = [line(x, x < end, np.sqrt(np.maximum(end - x, 0)),
+                  np.maximum(x - end, 0) ** 1.5, slip=part * move,
+                  status=np.where(x < end, SLIP, OPEN)) for end, part in zip(shrinks, (1, 0.1, 0))]
+    nodes = found[0][0]
+    steps = {name: np.concatenate([each[name] for _, each in found]) for name in found[0][1]}
+    ways = q.longest_ways(nodes, np.arange(8), steps)
+    assert ways == pytest.approx(3 * [1 + 4.4 / 4], rel=1e-12)
 
 
 @pytest.mark.parametrize("shift", np.linspace(0, 0.9, 7))

@@ -289,7 +289,7 @@ def test_boundaries_of_a_single_node_have_its_length():
              "status": np.array([[SLIP, SLIP, SLIP, SLIP], [STICK, STICK, STICK, OPEN]])}
     assert quantities.contact_length(nodes, pieces, steps, 0) == pytest.approx(2.75)
     assert quantities.contact_length(nodes, pieces, steps, 1) == pytest.approx(2.0)
-    assert quantities.longest_way(nodes, pieces[1], steps, 1) == 2.0
+    assert quantities.longest_ways(nodes, pieces[1], steps).tolist() == [2.0, 2.0]
     assert quantities.edges_of_contact(nodes, pieces[1], steps, 0) == []
     assert quantities.peak(np.zeros(1), np.array([9.0])) == 9.0
     assert between_nodes(nodes, steps, 0) == {"peak_pressure": 0.0, "contact_length": 0.0,
