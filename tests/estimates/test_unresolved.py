@@ -1,10 +1,12 @@
 """Meshes that make another problem of a scene, and areas of contact that they do not resolve."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from driver.contact.states import OPEN, STICK
-from driver.estimates import unresolved
+from driver.estimates import successive, unresolved
 from driver.estimates.budget import Part
 from driver.results.touch import Touch
 
@@ -125,3 +127,23 @@ def test_loads_do_not_give_the_resultant_of_normals_that_turn(solved, named_scen
     run = solved(named_scene("bulge", BULGE), errors="yes", quantity="displacement")
     found = run.summary["errors"]["quantities"]
     assert found["normal_resultant"]["total"] is None and found["displacement"]["total"] > 0
+
+
+@pytest.mark.parametrize("at, known", [(2, False), (1, True)])
+def test_the_bound_says_nothing_of_an_earlier_step(monkeypatch, at, known):
+    """That smoothed stresses miss most of it is seen at the last of three steps, of which the bound
+    of the error in energy is; where contact is lost by then the values are of a step before.
+    """
+    touch, part = touch_of([3, 4, 5, 5, 4, 3, 2, 0, 0]), Part(0.01)
+    level = SimpleNamespace(touch=touch, values=VALUES, record=None, steps=3 * [None], at=at,
+                            declared=3, singular=())
+    problem = SimpleNamespace(manifest=SimpleNamespace(element="P1"), operator=None)
+    energy = {"kind": "equilibrated", "mesh": 1.0}
+    caution = SimpleNamespace(parts=lambda *_: dict.fromkeys(VALUES, part))
+    for owner, name, answer in (
+            (successive.adjoint, "assess", ({"normal_resultant": 1.0}, {"smoothed": 0.01})),
+            (successive, "of_level", energy),
+            (successive.Caution, "of", caution), (successive, "stand_for_curves", False)):
+        monkeypatch.setattr(owner, name, lambda *_, answer=answer, **__: answer)
+    found = successive.mesh_parts(problem, [level, level], [2.0], "normal_resultant", "bound")
+    assert (found["slip"].error is not None) == known
