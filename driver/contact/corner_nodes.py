@@ -10,6 +10,9 @@ there are displacements, and holds the others at zero:
     standing        both conditions are equations, whatever force they take, as long as the laws of
                     both sides, with friction, can make it up between them (sharing.py)
     neither         both are open, and both rub with the friction that needs no pressure
+    first rubs, second rubs
+                    both press and one rubs: where rows depend on those of other vertices, which
+                    one row less ends
 
 Together the states hold every force that the two laws admit between contact with either side: where
 F is so small that a vertex does not jam, tan(angle between the normals) F < 1, the cones of the
@@ -67,9 +70,12 @@ class Acting(IntEnum):
     SECOND = 2
     STANDING = 3
     NEITHER = 4
+    FIRST_RUBS = 5
+    SECOND_RUBS = 6
 
 
-BOTH, FIRST, SECOND, STANDING, NEITHER = Acting
+BOTH, FIRST, SECOND, STANDING, NEITHER, FIRST_RUBS, SECOND_RUBS = Acting
+RUBS = FIRST_RUBS, SECOND_RUBS
 
 
 @dataclass
@@ -125,7 +131,7 @@ class CornerNodes:
     @property
     def arriving(self) -> bool:
         """Whether a vertex may just have come to its corner."""
-        return bool((np.isin(self.acting, [BOTH, STANDING]) & ~self.rested).any())
+        return bool((np.isin(self.acting, [BOTH, STANDING, *RUBS]) & ~self.rested).any())
 
     @property
     def standing(self) -> np.ndarray:
@@ -136,7 +142,8 @@ class CornerNodes:
     def _excluded(self) -> tuple[np.ndarray, np.ndarray]:
         """(v, 2) nodes whose normal rows, and whose tangential rows, are excluded."""
         one, acting = self.acting[:, None] == [SECOND, FIRST], self.acting[:, None]
-        return one | (acting == NEITHER), one | np.isin(acting, [BOTH, STANDING])
+        still = np.isin(acting, [BOTH, STANDING]) | (acting == [SECOND_RUBS, FIRST_RUBS])
+        return one | (acting == NEITHER), one | still
 
     @property
     def excluded(self) -> np.ndarray:
@@ -164,8 +171,9 @@ class CornerNodes:
         Standing, which holds whatever friction can, before one side alone.
         """
         changed = []
-        for state in (STANDING, FIRST, SECOND):
-            for v in np.flatnonzero((self.acting != state) & ~self.alone):
+        for state in (STANDING, *RUBS, FIRST, SECOND):
+            able = ~self.exact if state in RUBS else True
+            for v in np.flatnonzero((self.acting != state) & ~self.alone & able):
                 changed.append(np.where(np.arange(len(self.acting)) == v, state, self.acting))
         return changed
 
@@ -207,19 +215,25 @@ class CornerNodes:
         return bool(changed.any())
 
     def _stands(self, v: int, x: np.ndarray, rows) -> Acting:
-        """State of a standing corner v: the side that would be left if both cannot hold it."""
+        """State of a standing corner v: the side that would be left if both cannot hold it.
+
+        Where rows depend only nearly forces stay in them: for a pull the other side must rub.
+        """
+        force = x[self.normal[v]]
+        if not self.exact[v]:
+            able = self._able(v, force)
+            return STANDING if able.all() else FIRST_RUBS if able[0] else SECOND_RUBS
         if self._shared_at_rest(v, self._force(v, x), rows) is not None:
             return STANDING
-        force = x[self.normal[v]]
         return FIRST if force[0] >= force[1] else SECOND
 
     def _wanted(self, v: int, force: np.ndarray, over: np.ndarray, tol: float) -> Acting:
         """State of corner v with normal forces (2,), at the movements (2,) beyond the gaps."""
         bilateral = self.bilateral[v]
-        if self.acting[v] == BOTH:
+        if self.acting[v] in (BOTH, *RUBS):
             opened = ~bilateral & (force == 0) & (over < -tol)
             if not opened.any():
-                return BOTH
+                return self.acting[v]
             if opened.all():  # only what rubs without pressure matters
                 if self._rubs_open(v):
                     return NEITHER
@@ -283,7 +297,8 @@ class CornerNodes:
     def own(self, x: np.ndarray) -> np.ndarray:
         """x with the same forces at the vertices in rows that their states leave free."""
         moved = x.copy()
-        for v in np.flatnonzero((self.normal[:, 0] >= 0) & ~self.alone):
+        for v in np.flatnonzero((self.normal[:, 0] >= 0) & ~self.alone
+                                & ~np.isin(self.acting, RUBS)):
             n, t, force = self.normal[v], self.tangential[v], self._force(v, x)
             if self.acting[v] == NEITHER:
                 moved[n], moved[t] = 0.0, np.linalg.solve(self._tangents(v).T, force)

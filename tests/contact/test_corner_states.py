@@ -9,8 +9,8 @@ import pytest
 from scipy.optimize import linprog
 
 from driver.contact.beside import Beside
-from driver.contact.corner_nodes import (BOTH, FIRST, MOST, NEITHER, SECOND, STANDING,
-                                         CornerNodes)
+from driver.contact.corner_nodes import (BOTH, FIRST, FIRST_RUBS, MOST, NEITHER, SECOND,
+                                         SECOND_RUBS, STANDING, CornerNodes)
 from driver.contact.sharing import least_friction
 from driver.errors import NoSolution, NotConverged
 from driver.march.corner_states import CornerStates
@@ -318,6 +318,63 @@ def test_least_friction_shares_a_force():
             assert (p >= 0).all() and (np.abs(q) <= F * p + c).all()
             assert np.abs(q).sum() == pytest.approx(best.fun, abs=1e-6)
     assert 10 < sum(ended) < 50
+
+
+def test_where_a_pull_would_hold_a_corner_of_many_the_other_side_rubs():
+    """Rows that depend on those of other vertices keep their forces: a pull there is no sum of
+    pressures and friction, but one of both sides may rub.
+    """
+    for force, state in (([5.0, -1.0], FIRST_RUBS), ([-1.0, 5.0], SECOND_RUBS)):
+        nodes = corner()
+        nodes.acting, nodes.exact = np.array([STANDING]), np.array([False])
+        assert switched(nodes, [1.0, 2.0], [0.0, 0.0]) == (False, STANDING)
+        assert switched(nodes, force, [0.0, 0.0]) == (True, state)
+        assert nodes.excluded.tolist() == [3 if state == FIRST_RUBS else 2]
+        assert switched(nodes, [1.0, 2.0], [0.0, 0.0]) == (False, state)
+        x = np.array([1.0, 2.0, 0.3, 0.0])
+        assert nodes.own(x).tolist() == x.tolist()  # nothing moves from row to row
+        assert switched(nodes, [1.0, 0.0], [0.0, -1e-3]) == (True, FIRST)
+
+
+PIN = """// a stiff pin of revolution in a hole that is nothing but corners, pressed in and moved up
+include "scene.idp"
+units("mm", "MPa");
+subdomains("1");
+quasistatic(1.);
+border lower(t = 0, 1) { x = 40 + 70*t; y = 0; label = 1; }
+border outer(t = 0, 1) { x = 110; y = 60*t; label = 2; }
+border upper(t = 0, 1) { x = 110 - 70*t; y = 60; label = 3; }
+border inner(t = 0, 1) { x = 40; y = 60 - 60*t; label = 4; }
+border hole(t = 0, -2*pi) { x = 75 + 14*cos(t); y = 30 + 14*sin(t); label = 5; }
+border pin(t = 0, 2*pi) { x = 75 + 14*cos(t + pi/8); y = 30 + 14*sin(t + pi/8); label = 6; }
+border core(t = 0, -2*pi) { x = 75 + 6*cos(t); y = 30 + 6*sin(t); label = 7; }
+mesh block = buildmesh(lower(5) + outer(4) + upper(5) + inner(4) + hole(8));
+mesh peg = buildmesh(pin(16) + core(8));
+peg = change(peg, fregion = 1);
+addBody(block)
+addBody(peg)
+macro axisymmetric() 1 //
+macro young() (region == 1 ? 2e8 : 2e5) //
+macro poisson() 0.45 //
+macro displacement1() on(7, u1 = 0., u2 = -0.2) //
+macro load2() traction(3, -30., 0.) //
+macro contact() 1 //
+macro contactPair() 5, 6 //
+macro friction() 0.3 //
+macro amplitude1(t) 1. - abs(2*t - 1.) //
+macro amplitude2(t) t //
+include "export.idp"
+"""
+
+
+def test_no_vertex_of_a_hole_of_corners_is_pulled(solved, tmp_path):
+    """No pressure is below zero, nor friction above its bound, and the forces balance."""
+    path = tmp_path / "pin.edp"
+    path.write_text(PIN)
+    run = solved(path, steps=2, errors="no")
+    pressure = -run.contact["sigma_n"]
+    assert run.status == 0 and pressure.max() > 0 and pressure.min() == 0.0
+    assert (np.abs(run.contact["sigma_t"]) <= 0.3 * pressure * (1 + 1e-6)).all()
 
 
 RING = """// a ring between two plates, whose labels meet where neither touches it
