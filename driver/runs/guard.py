@@ -151,7 +151,7 @@ def _hold(place: Path) -> bool:
     descriptor = os.open(place, os.O_RDONLY | os.O_DIRECTORY)
     status = os.fstat(descriptor)
     key = status.st_dev, status.st_ino
-    if key in _at_work:  # a second lock would wait for the first
+    if key in _at_work:  # a second lock, even of this process, would be refused
         os.close(descriptor)
         return True
     if not locked(descriptor, elsewhere=True):
