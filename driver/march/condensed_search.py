@@ -42,19 +42,24 @@ class _Headway:
     def __init__(self):
         self.missed = self.lacking = np.inf
         self.idle, self.answer = 0, None
+        self._of_answer = np.inf, np.inf  # what the best one misses and lacks
 
     def note(self, answer: tuple | None, missed: float, lacking: float) -> None:
         """A pass with this answer, None if friction and bodies have not settled in it.
 
         `missed` are displacements, of which little may be known but rounding when forces are known
         to all digits: `lacking`, the part of them by which they are to change, infinite if unknown.
+        Forces between stiff bodies may be known to few digits: by less than half these do not tell
+        which pass is better.
         """
         lacking = max(lacking, ROUNDED)
         halved = missed <= HALF * self.missed or lacking < HALF * self.lacking
         self.idle = 0 if halved or answer is None else self.idle + 1
-        better = lacking < self.lacking or missed < self.missed and not lacking > self.lacking
-        if answer is not None and (self.answer is None or better):
-            self.answer = answer
+        of_missed, of_lacking = self._of_answer
+        alike = not HALF * lacking > of_lacking
+        if answer is not None and (self.answer is None or lacking < HALF * of_lacking
+                                   or missed < of_missed and alike):
+            self.answer, self._of_answer = answer, (missed, lacking)
         self.missed, self.lacking = min(missed, self.missed), min(lacking, self.lacking)
 
 

@@ -74,7 +74,9 @@ def test_what_slides_is_on_its_bound_to_the_last_digit():
 @pytest.mark.parametrize("passes, best, idle", [
     ([(1.0, 1.0), (0.4, 0.9), (0.3, 0.8)], 2, 1),
     ([(1e-9, 1e-4), (2e-9, 1e-6), (1e-9, 1e-6), (3e-9, 2e-7)], 3, 0),  # forces alone get digits
-    ([(1e-9, 1e-4), (1e-9, 1e-6), (1e-10, 2e-6)], 1, 0),  # the better forces
+    ([(1e-9, 1e-4), (1e-9, 1e-6), (1e-10, 4e-6)], 1, 0),  # the better forces
+    # forces between stiff bodies have few digits: displacements tell
+    ([(4e-6, 1e-5), (1e-10, 1.1e-7), (3e-15, 1.3e-7), (4e-17, 1.7e-7)], 3, 0),
     ([(1e-9, 3e-15), (1e-9, 1e-15), (1e-9, 1e-16)], 0, 2),  # nothing is known of less
     ([(4.0, np.inf), (1.0, np.inf), (2.0, np.inf)], 1, 1),
     ([(1.0, np.inf), (None, None), (0.9, np.inf), (0.8, np.inf)], 3, 2)])
