@@ -5,8 +5,8 @@
    approximations beside it, and where that does not settle Lemke's method, which finds a solution
    for any friction coefficient. It may fail for bodies without support and contact that pulls: then
    branch and bound over all states, which may prove that there is no solution, friction that grows
-   from less, states that violate the law less and less, and one mixed-integer program for all
-   states; of more nodes than MOST_NODES all this among those that touch or nearly do
+   from less, states that violate the law less and less, one mixed-integer program for all states,
+   and a longer search; of more nodes than MOST_NODES all this among those that touch or nearly do
    (few_nodes.py). Where slip changes friction, a solution with given coefficients is the start for
    that with those of its own slip.
 
@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..qp import complementarity
-from ..qp.branching import MOST_NODES, search_states
+from ..qp.branching import LAST_PROGRAMS, MOST_NODES, search_states
 from ..qp.continuation import with_growing_friction
 from ..qp.coulomb import CoulombProblem
 from ..qp.few_nodes import solution_among
@@ -78,8 +78,12 @@ def solve_condensed(problem: CoulombProblem, start: np.ndarray) -> tuple[np.ndar
         z = with_growing_friction(problem, start)
         if z is not None:
             return z, CONTINUATION
-    z = _descended(problem, start)
-    return solution_within_limits(problem) if z is None else z, SEARCH
+    for look in (lambda: _descended(problem, start), lambda: solution_within_limits(problem)):
+        z = look()
+        if z is not None:
+            return z, SEARCH
+    found = search_states(problem, LAST_PROGRAMS)
+    return found.solution, NO_STATE if found.certain and found.solution is None else SEARCH
 
 
 def _newton_from_all_alike(problem: CoulombProblem) -> np.ndarray | None:

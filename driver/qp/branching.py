@@ -15,14 +15,15 @@ Contact that can pull branches by the sign of lambda_n first, as F |lambda_n| is
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csc_matrix
 
 from ..environment import PLAIN_PROGRAM, silenced
 from .complementarity import BRIEFLY, newton
-from .coulomb import SLIGHT, CoulombProblem
+from .coulomb import CoulombProblem
+from .scaled import Scaled
 
 MOST_NODES = 60  # contact nodes up to which states are searched
-PROGRAMS = 200  # linear programs in a search, at most
+PROGRAMS = 200  # linear programs in a search, at most ...
+LAST_PROGRAMS = 2000  # ... and in one where every other way has failed: some seconds
 ANY, APART, PRESSES, PULLS = range(4)  # of contact
 STICKS, FORTH, BACK = range(1, 4)  # of friction; ANY
 NOTHING = 1e-7  # of forces and movements of order one: what linear programs leave of zero
@@ -37,81 +38,15 @@ class Search:
     certain: bool
 
 
-def search_states(problem: CoulombProblem) -> Search:
+def search_states(problem: CoulombProblem, programs: int = PROGRAMS) -> Search:
     """Look for a solution in all states.
 
     In the order of depth first, deterministic. Not certain where there are more than MOST_NODES, or
-    more linear programs than PROGRAMS would be needed, or rounding hides a solution.
+    more linear `programs` would be needed, or rounding hides a solution.
     """
     if problem.n > MOST_NODES:
         return Search(None, False)
-    return _Search(problem).run()
-
-
-class Scaled:
-    """A problem whose unknowns are over their sizes: forces of like size, and motions by reach.
-
-    `rows` of over, slip, lambda_t -+ F lambda_n and equilibrium; `given` movement (n + m,) by the
-    load, `offset` (m,) and `work` (k,) in the same units. Motions are those beyond what the springs
-    make of the load, which may be far more than bodies deform by.
-    """
-
-    def __init__(self, problem: CoulombProblem):
-        self.problem = problem
-        n, m, k = problem.n, problem.m, problem.k
-        C, load = _elastic(problem)
-        R = problem.motions / problem.reach
-        soft = np.diag(C).max()
-        way = max(np.abs(load).max(initial=0.0),
-                  soft * np.abs(problem.balance / problem.reach).max(initial=0.0)) or 1.0
-        self.force, self.way = way / soft, way
-        unit = np.sqrt(soft / np.diag(C))  # stiff rows: large forces, small ways
-        self.unit = unit
-        moved = np.hstack([-C * unit[:, None] * unit / soft, R * unit[:, None]])
-        pick = np.zeros((m, n))
-        pick[np.arange(m), problem.pair] = (problem.coefficient * unit[problem.pair] / unit[n:])
-        along, nothing = np.eye(m), np.zeros((m, k))
-        balance = np.hstack([(R * unit[:, None]).T, np.zeros((k, k))])
-        # over, slip, lambda_t - F lambda_n, lambda_t + F lambda_n, equilibrium
-        self.rows = csc_matrix(np.vstack([moved, np.hstack([-pick, along, nothing]),
-                                          np.hstack([pick, along, nothing]), balance]))
-        self.given = load * unit / way
-        offset = np.zeros(m) if problem.offset is None else problem.offset
-        self.offset = offset / unit[n:] / self.force
-        self.work = problem.balance / problem.reach / self.force
-        self.cone_matrix = pick
-
-    def exact(self, x: np.ndarray) -> np.ndarray:
-        """z of the problem by the unknowns x."""
-        problem = self.problem
-        forces = x[: problem.rows] * self.unit * self.force
-        moved = self.rows[: problem.rows] @ x + self.given
-        away = moved * self.way / self.unit - problem.movement(problem.whole(forces))
-        return np.append(forces, np.linalg.lstsq(
-            problem.motions / problem.reach, away, rcond=None)[0] / problem.reach)
-
-
-def _elastic(problem: CoulombProblem) -> tuple[np.ndarray, np.ndarray]:
-    """Compliance (n + m, n + m) and load (n + m,) with springs like the bodies in stiffness.
-
-    Forces in equilibrium move rows by the same but for a rigid motion: by P (d - C x_0) - P C P x
-    with P = 1 - Q Q', Q an orthonormal basis of the motions R, and x_0 any forces with R'x_0 = L.
-    """
-    C, load = problem.compliance, problem.load
-    if not problem.k:
-        return C, load
-    R = problem.motions / problem.reach
-    Q, sizes, basis = np.linalg.svd(R, full_matrices=False)
-    kept = sizes > SLIGHT * sizes[0]
-    Q = Q[:, kept]
-    forces = Q @ ((basis[kept] @ (problem.balance / problem.reach)) / sizes[kept])
-
-    def bent(columns):
-        return columns - Q @ (Q.T @ columns)
-
-    own = bent(bent(C).T)
-    soft = np.median(np.diag(own))
-    return own + soft * Q @ Q.T, bent(load - C @ forces) + soft * forces
+    return _Search(problem).run(programs)
 
 
 class _Search(Scaled):
@@ -122,12 +57,12 @@ class _Search(Scaled):
         self.signed = np.zeros(problem.n, bool)  # whether the sign of the force decides on friction
         self.signed[problem.pair] = problem.coefficient > 0
 
-    def run(self) -> Search:
-        """The search."""
+    def run(self, programs: int) -> Search:
+        """The search by so many linear programs at most."""
         pulls = self.problem.bilateral
         first = np.where(pulls & ~self.signed, PULLS, ANY)
         left, hidden = [(first, np.zeros(self.problem.m, int))], False
-        for _ in range(PROGRAMS):
+        for _ in range(programs):
             if not left:
                 return Search(None, not hidden)
             contact, rub = left.pop()
@@ -152,7 +87,7 @@ class _Search(Scaled):
     def _limits(self, contact: np.ndarray, rub: np.ndarray):
         """Lower and upper limits of the rows and of the unknowns."""
         problem, inf = self.problem, np.inf
-        n, m, k = problem.n, problem.m, problem.k
+        n, m, k = problem.n, problem.m, self.k
         pulls, here = problem.bilateral, contact[problem.pair]
         touching = pulls | (contact >= PRESSES)
         over = np.where(touching, 0.0, -inf), np.zeros(n)
@@ -186,17 +121,19 @@ class _Search(Scaled):
         from scipy.optimize import Bounds, LinearConstraint, milp
 
         row_low, row_high, low, high = self._limits(contact, rub)
-        n, undecided = self.problem.n, contact == ANY
+        n, undecided, over = self.problem.n, contact == ANY, self.over
         cost = -np.asarray(self.rows[:n][undecided].sum(axis=0)).ravel()
         cost[:n] += undecided & ~self.problem.bilateral
-        for aim in (cost, 0.0 * cost):  # openings may be without end
+        for aim in (self.own * cost, 0.0 * cost):  # openings may be without end
             with silenced():
-                answer = milp(aim, bounds=Bounds(low, high), options=PLAIN_PROGRAM,
-                              constraints=LinearConstraint(self.rows, row_low, row_high))
+                answer = milp(aim, bounds=Bounds(low / self.own, high / self.own),
+                              constraints=LinearConstraint(self.even, over * row_low,
+                                                           over * row_high),
+                              options=PLAIN_PROGRAM)
             if answer.status == INFEASIBLE:
                 return False, None
             if answer.x is not None:
-                return True, answer.x
+                return True, self.own * answer.x
         return True, None
 
     def _branches(self, contact: np.ndarray, rub: np.ndarray, x: np.ndarray) -> list:

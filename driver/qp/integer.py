@@ -11,9 +11,10 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from ..environment import PLAIN_PROGRAM, silenced
-from .branching import MOST_NODES, Scaled
+from .branching import MOST_NODES
 from .complementarity import BRIEFLY, newton
 from .coulomb import CoulombProblem
+from .scaled import Scaled
 
 LIMITS = (5.0, 50.0)  # of forces and ways, times those that the load makes
 NODES = 200  # of the tree of each program
@@ -45,7 +46,7 @@ def _answer(scaled: Scaled, limit: float) -> np.ndarray | None:
     from scipy.optimize import Bounds, LinearConstraint, milp
 
     problem, inf = scaled.problem, np.inf
-    n, m, k = problem.n, problem.m, problem.k
+    n, m, k = problem.n, problem.m, scaled.k
     pulls, zero = problem.bilateral, np.zeros
     moved, given = scaled.rows[: n + m].toarray(), scaled.given
     way = limit * np.maximum(1.0, np.maximum(np.abs(moved).max(axis=1), np.abs(given)))

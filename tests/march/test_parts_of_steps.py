@@ -552,7 +552,7 @@ def test_when_other_solutions_are_looked_for(choice, nodes, friction, doubtful, 
     ("all alike", 1, 0.5, globalization.NEWTON), ("lemke", 1, 0.5, globalization.LEMKE),
     ("search", 1, 0.5, globalization.SEARCH), ("growing", 1, 0.5, globalization.CONTINUATION),
     ("descend", 1, 0.5, globalization.SEARCH), ("descend", 1, 0.0, globalization.SEARCH),
-    ("program", 1, 0.5, globalization.SEARCH)])
+    ("program", 1, 0.5, globalization.SEARCH), ("longer", 1, 0.5, globalization.SEARCH)])
 def test_the_first_method_that_finds_a_solution(monkeypatch, solver, motions, friction, method):
     """In their order; starts in which all nodes are alike for bodies without support."""
     tried = []
@@ -569,8 +569,10 @@ def test_the_first_method_that_finds_a_solution(monkeypatch, solver, motions, fr
     monkeypatch.setattr(globalization.complementarity, "lemke", attempt("lemke", z))
     monkeypatch.setattr(globalization.complementarity, "all_alike", lambda problem: [alike])
     monkeypatch.setattr(globalization.complementarity, "descend", attempt("descend", z))
-    monkeypatch.setattr(globalization, "search_states", attempt(
-        "search", Search(z, True), Search(None, False)))
+    brief = attempt("search", Search(z, True), Search(None, False))
+    longer = attempt("longer", Search(z, True), Search(None, False))
+    monkeypatch.setattr(globalization, "search_states",
+                        lambda *given: longer() if len(given) > 1 else brief())
     monkeypatch.setattr(globalization, "with_growing_friction", attempt("growing", z))
     monkeypatch.setattr(globalization, "solution_within_limits", attempt("program", z))
     problem = SimpleNamespace(k=motions, bilateral=np.zeros(1, bool), n=2,
@@ -579,8 +581,8 @@ def test_the_first_method_that_finds_a_solution(monkeypatch, solver, motions, fr
     assert found is z and by == method and tried[-1] == solver
     order = ["newton", *(["all alike"] if motions else []), "lemke", "search",
              *(["growing"] if friction else []), "descend"]
-    if solver == "program":
-        order += ["descend", "program"]  # descent from two starts
+    if solver in ("program", "longer"):
+        order += ["descend", "program", "longer"]  # descent from two starts
     assert tried == order[: order.index(solver) + 1]
 
 
@@ -593,9 +595,10 @@ def test_where_no_method_finds_a_solution(monkeypatch):
         monkeypatch.setattr(globalization, name, lambda *_: None)
     problem = SimpleNamespace(k=1, bilateral=np.zeros(1, bool), n=globalization.MOST_NODES,
                               coefficient=np.ones(1))
-    for certain, method in ((True, globalization.NO_STATE), (False, globalization.SEARCH)):
+    for most, method in ((1, globalization.NO_STATE), (2, globalization.NO_STATE),
+                         (3, globalization.SEARCH)):
         monkeypatch.setattr(globalization, "search_states",
-                            lambda problem, certain=certain: Search(None, certain))
+                            lambda *given, most=most: Search(None, len(given) >= most))
         assert globalization.solve_condensed(problem, np.zeros(1)) == (None, method)
     problem.n += 1
     monkeypatch.setattr(globalization, "solution_among", lambda *_: (np.ones(1), "few"))

@@ -8,8 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from driver.qp import branching, coefficients, complementarity, continuation, integer
+from driver.qp import (branching, coefficients, complementarity, continuation, integer,
+                       scaled)
 from driver.qp.coulomb import FORWARD, CoulombProblem
+from driver.qp.scaled import Scaled
 from driver.hard.bounded import unbalanced_by_friction
 from driver.hard.states import States
 
@@ -55,6 +57,39 @@ def test_branch_and_bound_says_what_all_states_say(nodes, motions, pulls):
     assert none > 0 or pulls  # bodies that contact cannot pull back may fall off
 
 
+@pytest.mark.parametrize("soft", [1e4, 1e7])
+def test_ways_on_soft_springs_hide_nothing_from_searches(soft):
+    """A body that springs hold by next to nothing: what it deforms by decides on its contact."""
+    none = 0
+    for seed in range(30, 30 + SEEDS):
+        problem = random_problem(seed, 3, 1)
+        way = np.random.default_rng(seed).standard_normal(6)
+        C, load = problem.compliance + soft * np.outer(way, way), problem.load + 0.3 * soft * way
+        problem = CoulombProblem(C, load, problem.coefficient, problem.pair, False,
+                                 problem.motions, problem.balance)
+        assert Scaled(problem).k >= 2  # the motion, and the way on the springs
+        expected, found = has_solution(problem), branching.search_states(problem)
+        assert found.certain and (found.solution is not None) == expected, seed
+        none += not expected
+    assert 0 < none < SEEDS
+
+
+def test_soft_rows_move_stiff_ones_by_ways_that_are_unknowns():
+    """C = L L' + rest, of which rest is stiff rows alone, and each row has its own stiffness."""
+    rng = np.random.default_rng(4)
+    root = np.vstack([np.eye(4), np.zeros((5, 4))]) + 0.1 * rng.standard_normal((9, 4))
+    stiff = 1e-5 * (np.eye(5) + 0.1 * rng.standard_normal((5, 5)))
+    C = root @ root.T
+    C[4:, 4:] += stiff @ stiff.T
+    L, rest, own = scaled._levels(C)
+    assert L.shape == (9, 4)
+    np.testing.assert_allclose(L @ L.T + rest, C, atol=1e-13)
+    assert np.abs(rest[:4]).max() < 1e-14 and own[:4] == pytest.approx(np.diag(C)[:4])
+    np.testing.assert_allclose(rest[4:, 4:], stiff @ stiff.T, atol=1e-13)
+    np.testing.assert_allclose(own[4:], np.diag(stiff @ stiff.T), rtol=1e-2)
+    assert scaled._levels(np.eye(3))[0].shape == (3, 0)
+
+
 def test_what_nothing_loads_rests():
     """There is no size of a force to go by."""
     problem = random_problem(1, 2, 1)
@@ -87,8 +122,7 @@ def test_branch_and_bound_knows_its_limits(monkeypatch):
                     if has_solution(problem))
     hidden = branching.search_states(solvable)  # states obey every law, but nothing is exact
     assert hidden.solution is None and not hidden.certain
-    monkeypatch.setattr(branching, "PROGRAMS", 1)
-    found = branching.search_states(problem)
+    found = branching.search_states(problem, 1)
     assert found.solution is None and not found.certain
 
 
@@ -175,9 +209,11 @@ class Known:
         rows = self.problem.rows
         force = self.z[:rows] / scaled.unit / scaled.force
         moved = self.problem.movement(self.z) * scaled.unit / scaled.way
-        of, motions = scaled.rows[:rows, :rows], scaled.rows[:rows, rows:].toarray()
-        rest = np.linalg.lstsq(motions, moved - of @ force - scaled.given, rcond=None)
-        x = np.append(force, rest[0])
+        k, whole = self.problem.k, scaled.rows.toarray()
+        softly = -whole[len(whole) - scaled.k + k :, :rows] @ force  # what soft rows move all by
+        of, motions, ways = np.split(whole[:rows], [rows, rows + k], axis=1)
+        left = moved - of @ force - ways @ softly - scaled.given
+        x = np.concatenate([force, np.linalg.lstsq(motions, left, rcond=None)[0], softly])
         np.testing.assert_allclose(scaled.rows[:rows] @ x + scaled.given, moved, atol=1e-10)
         np.testing.assert_allclose(scaled.exact(x), self.z, rtol=1e-8, atol=1e-9)
         return x
@@ -263,7 +299,7 @@ def test_points_of_programs_press_and_open_least(seed):
 def test_bodies_are_moved_by_nothing_but_their_motions():
     """Forces in equilibrium deform; what is rigid of their movements is left to the motions."""
     known = Known(1, False)
-    scaled = branching.Scaled(known.problem)
+    scaled = Scaled(known.problem)
     x = known.point(scaled)
     x[8:] = 0.0
     moved = (scaled.rows[:8] @ x + scaled.given) * scaled.way / scaled.unit
@@ -274,7 +310,7 @@ def test_bodies_are_moved_by_nothing_but_their_motions():
                            known.problem.pair, False, np.column_stack([R, R[:, 0]]),
                            np.append(known.problem.balance, known.problem.balance[0]))
     for name in ("given", "work"):
-        one, other = (getattr(branching.Scaled(of), name) for of in (known.problem, twice))
+        one, other = (getattr(Scaled(of), name) for of in (known.problem, twice))
         np.testing.assert_allclose(other[: len(one)], one, atol=1e-9)
 
 
@@ -313,7 +349,7 @@ def test_alternatives_of_the_one_program_are_those_of_the_law(seed, pulls, monke
         return SimpleNamespace(x=None)
 
     monkeypatch.setattr("scipy.optimize.milp", milp)
-    scaled, limit = branching.Scaled(known.problem), 1e3
+    scaled, limit = Scaled(known.problem), 1e3
     assert integer._answer(scaled, limit) is None
     x = known.point(scaled)
 
@@ -327,7 +363,7 @@ def test_alternatives_of_the_one_program_are_those_of_the_law(seed, pulls, monke
 
     own = [1.0 * (known.z[:4] > 0), 1.0 * (known.rub == FORTH), 1.0 * (known.rub == BACK)]
     assert allowed(*own)
-    assert asked["integrality"].tolist() == [0] * (10 + 8) + [1] * 12
+    assert asked["integrality"].tolist() == [0] * (8 + scaled.k + 8) + [1] * 12
     for which in range(3):
         for node in range(4):
             other = [binary.copy() for binary in own]
@@ -408,20 +444,20 @@ def test_one_program_knows_its_limits(monkeypatch):
     assert tried == [*integer.LIMITS] and len(set(tried)) == 2
     assert integer.solution_within_limits(random_problem(1, integer.MOST_NODES + 1, 1)) is None
     assert len(tried) == 2
-    monkeypatch.setattr(branching._Search, "run", lambda self: "searched")
+    monkeypatch.setattr(branching._Search, "run", lambda self, programs: "searched")
     assert branching.search_states(random_problem(1, branching.MOST_NODES, 1)) == "searched"
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1e5])
 def test_searches_do_not_know_units(scale, monkeypatch):
     """Of length and of force: linear programs are the same ones, in numbers of order one."""
-    made, honest = [], branching.Scaled.__init__
+    made, honest = [], Scaled.__init__
 
     def init(self, problem):
         honest(self, problem)
         made.append(self)
 
-    monkeypatch.setattr(branching.Scaled, "__init__", init)
+    monkeypatch.setattr(Scaled, "__init__", init)
     one = random_problem(3, 3, 2)
     one.offset = np.array([0.1, 0.0, 0.2])
     other = CoulombProblem(one.compliance * scale**2, one.load * scale, one.coefficient, one.pair,
