@@ -9,18 +9,19 @@ which is symmetric quasidefinite: F_i is positive, -S_cc negative definite on wh
 and any order of elimination does without pivoting (R. J. Vanderbei, SIAM J. Optim. 5 (1995)
 100-113). Rows that the same subdomains share, an interface, are eliminated together, and so are
 the dofs of corners: fronts of hundreds of unknowns, dense anyway, as the local matrices are (I. S.
-Duff, J. K. Reid, ACM Trans. Math. Softw. 9 (1983) 302-325). What is left on the contact rows is the
-compliance C of the glued body; see compliance.py, which eliminates motions of free bodies as well.
+Duff, J. K. Reid, ACM Trans. Math. Softw. 9 (1983) 302-325), one after the other as a tree says
+(elimination_tree.py). What is left on the contact rows is the compliance C of the glued body; see
+compliance.py, which eliminates motions of free bodies as well.
 """
 
 import functools
 from dataclasses import dataclass
 
 import numpy as np
-from cvxopt import amd, spmatrix
 from scipy.linalg import blas, lapack, solve_triangular
 
 from ..errors import NotConverged
+from .elimination_tree import EliminationTree
 from .operator import DualOperator
 from .rows import contact_row_numbers
 
@@ -34,7 +35,7 @@ EACH_FRONT, EACH_PRODUCT = 4e5, 8e5
 
 @dataclass
 class Front:
-    """Factor of one group: L (m, m) of its pivots, of the `sign` given, and L^-1 times the rest.
+    """Factor of the pivots of one sign of a front: L (m, m) and L^-1 times the rest.
 
     `index` (m + r,) are the places of its unknowns, ascending, the pivots first, less those of
     contact rows, which are known where it is used.
@@ -60,12 +61,12 @@ class GluingElimination:
         self._numbers = self._of_subdomains(
             lambda s, c: np.append(structure.rows[s].row,
                                    self._dual + structure.corner_global[s]))
-        group, self._count = _groups(self._numbers, size, self._dual, rows)
-        self._place, self._start = _order(group, self._count, rows)
+        self._tree = EliminationTree(self._numbers, size, self._dual, rows)
+        self._place, self._start = self._tree.place, self._tree.start
         self._fronts, self._compliance = None, None
         shared = self._of_subdomains(lambda s, c: SHARED if c.shared else 1.0)
         work = sum(len(of) ** 2 / factor for of, factor in zip(self._numbers, shared))
-        fronts = self._operations(group) / SPEED + EACH_FRONT * self._count
+        fronts = self._tree.operations / SPEED + EACH_FRONT * len(self._tree.fronts)
         self._product = WITH_PRECONDITIONER * work + EACH_PRODUCT
         self.price = fronts / self._product
 
@@ -112,19 +113,6 @@ class GluingElimination:
             return local
         return [one for rank in operator.comm.allgather(local) for one in rank]
 
-    def _operations(self, group: np.ndarray) -> float:
-        """Multiplications that the fronts take, by the sizes of the groups (unknowns,)."""
-        size = np.bincount(group)
-        waiting, total = [[] for _ in size], 0.0
-        for number in self._numbers:
-            groups = set(group[number].tolist())
-            waiting[min(groups, default=-1)].append(groups)
-        for g, parts in enumerate(waiting[: self._count]):
-            groups = set().union(*parts) - {g}
-            total += size[g] * float(size[list(groups)].sum() + size[g]) ** 2 / 2
-            waiting[min(groups, default=-1)].append(groups)
-        return total
-
     def _matrix(self, s: int, c) -> np.ndarray:
         """The matrix of local subdomain s, of class c, in the order of its places."""
         rows, corner = self._operator.structure.rows[s], len(c.corner)
@@ -135,11 +123,11 @@ class GluingElimination:
 
     def _eliminate(self) -> None:
         """The fronts one after the other, and C."""
-        waiting = [[] for _ in range(self._count + 1)]
+        waiting = [[] for _ in self._start]
 
         def add(index: np.ndarray, matrix) -> None:
-            group = np.searchsorted(self._start, index[0], "right") - 1
-            waiting[group].append((index, matrix))
+            front = np.searchsorted(self._start, index[0], "right") - 1
+            waiting[front].append((index, matrix))
 
         # one rank makes them when they are needed: never are all there at once
         alone = self._operator.comm.size == 1
@@ -150,61 +138,20 @@ class GluingElimination:
                 add(np.sort(self._place[number]), matrix)
         del matrices
         self._fronts, first = [], len(self._place) - self._last
-        positive = np.zeros(len(self._place), bool)
-        positive[self._place[: self._dual]] = True
-        for g in range(self._count):
+        for g, pivots in enumerate(self._tree.pivots):
             index, matrix = _assembled(waiting[g])
-            m = self._start[g + 1] - self._start[g]
-            sign = 1.0 if positive[self._start[g]] else -1.0
-            pivots, rest, left = _eliminated(matrix, m, sign)
-            inner = np.searchsorted(index, first)
-            self._fronts.append(Front(sign, index[:inner], pivots, rest[:, : inner - m].copy()))
-            if len(index) > m:
-                add(index[m:], left)
+            for m, sign in zip(pivots, (1.0, -1.0)):
+                if not m:
+                    continue
+                factor, rest, matrix = _eliminated(matrix, m, sign)
+                inner = np.searchsorted(index, first)
+                self._fronts.append(Front(sign, index[:inner], factor, rest[:, : inner - m].copy()))
+                index = index[m:]
+            if len(index):
+                add(index, matrix)
         C = np.tril(_assembled(waiting[-1])[1])  # all contact rows, as each has a subdomain
         C += np.tril(C, -1).T
         self._compliance = C
-
-
-def _groups(numbers: list[np.ndarray], size: int, dual: int,
-            rows: np.ndarray) -> tuple[np.ndarray, int]:
-    """(size,) group of every unknown by its turn, and the number of those to be eliminated.
-
-    Unknowns of a group belong to the same subdomains, and are gluing rows, corner dofs, numbers
-    from `dual` on, or the contact `rows`, whose groups come last.
-    """
-    part, meets = np.random.default_rng(1).random(len(numbers)), np.zeros(size)
-    for value, number in zip(part, numbers):
-        meets[number] += value  # equal sums of random numbers are those of equal sets
-    meets[dual:] += len(numbers) + 1.0
-    meets[rows] += 2 * len(numbers) + 2.0
-    inner = np.ones(size, bool)
-    inner[rows] = False
-    group = np.unique(meets, return_inverse=True)[1]
-    count = int(group[inner].max(initial=-1)) + 1
-    turn = np.arange(group.max(initial=-1) + 1)
-    if count:
-        pairs = [np.empty((0, 2), int)]
-        for number in numbers:
-            met = np.unique(group[number])
-            met = met[met < count]
-            low, high = np.tril_indices(len(met))
-            pairs.append(np.column_stack([met[low], met[high]]))
-        pairs = np.concatenate(pairs)
-        pattern = spmatrix(1.0, pairs[:, 0], pairs[:, 1], (count, count))
-        turn[np.array(amd.order(pattern)).ravel()] = np.arange(count)
-    return turn[group], count
-
-
-def _order(group: np.ndarray, count: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(size,) places of unknowns in the order of elimination, and the first of every group.
-
-    The contact `rows` come last, as they are ordered, and are one group here.
-    """
-    key, place = np.minimum(group, count), np.empty(len(group), int)
-    place[np.argsort(key, kind="stable")] = np.arange(len(group))
-    place[rows] = len(group) - len(rows) + np.arange(len(rows))
-    return place, np.append(0, np.cumsum(np.bincount(key, minlength=count + 1))[:-1])
 
 
 def _assembled(parts: list[tuple]) -> tuple[np.ndarray, np.ndarray]:

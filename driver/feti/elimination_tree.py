@@ -1,0 +1,148 @@
+"""The order in which gluing rows and corners are eliminated: a tree of fronts, by patterns alone.
+
+Unknowns that belong to the same subdomains make a group. Approximate minimum degree (P. R. Amestoy,
+T. A. Davis, I. S. Duff, SIAM J. Matrix Anal. Appl. 17 (1996)) orders the groups; the front of a
+group waits for those of its children, whose rest it contains. Many groups are small and their rest
+is large, as contact rows stay in it: then the time goes into copies of the rest. A child whose rest
+fills most of its parent's front is eliminated there, with zeros for what it does not meet (C.
+Ashcraft, R. G. Grimes, ACM Trans. Math. Softw. 15 (1989) 291-309: relaxed supernodes).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from cvxopt import amd, spmatrix
+
+# in the time of a multiplication of dense elimination
+EACH_ENTRY = 30.0  # to form an entry of a front, and to take it over from a child
+EACH_FRONT = 1e6  # a front however small
+
+
+@dataclass
+class Front:
+    """`groups` that are eliminated together, `pivots` unknowns, and those that they meet, `rest`.
+
+    `size` are the unknowns of both.
+    """
+
+    groups: list[int]
+    rest: set[int]
+    pivots: int
+    size: int
+
+    @property
+    def operations(self) -> float:
+        """Multiplications that the elimination takes."""
+        return self.pivots * float(self.size) ** 2 / 2
+
+    @property
+    def left(self) -> float:
+        """Entries of what it leaves to its parent."""
+        return float(self.size - self.pivots) ** 2
+
+
+class EliminationTree:
+    """Fronts in the order of elimination, children before parents.
+
+    `place` (unknowns,) are the unknowns' places in that order, those of contact rows the last, and
+    `start` (fronts + 1,) the first of every front and of contact. `pivots` are the numbers of a
+    front's gluing rows and of its corner dofs, which come after them. `first` (subdomains,) is the
+    front that a subdomain's matrix goes to, `parent` (fronts,) the one that waits for a front; what
+    waits for all is contact, which is numbered like one more front.
+    """
+
+    def __init__(self, numbers: list[np.ndarray], size: int, dual: int, rows: np.ndarray):
+        """`numbers` of every subdomain's unknowns: dual rows, then corner dofs from `dual` on.
+
+        The contact `rows` are not eliminated.
+        """
+        group, count = groups(numbers, size, dual, rows)
+        sizes = np.bincount(group)
+        self.fronts = _merged(_met(numbers, group), sizes, count)
+        fronts = len(self.fronts)
+        front_of = np.full(len(sizes), fronts)
+        for number, front in enumerate(self.fronts):
+            front_of[front.groups] = number
+        key = front_of[group]
+        self.place = np.empty(size, int)
+        order = np.lexsort((group, np.arange(size) >= dual, key))
+        self.place[order] = np.arange(size)
+        self.place[rows] = size - len(rows) + np.arange(len(rows))
+        number = np.bincount(key, minlength=fronts + 1)
+        self.start = np.append(0, np.cumsum(number)[:-1])
+        corners = np.bincount(key[dual:], minlength=fronts + 1)[:-1]
+        self.pivots = np.column_stack([number[:-1] - corners, corners])
+        self.first = np.array([key[of].min(initial=fronts) for of in numbers], int)
+        self.parent = np.array([min(front_of[list(front.rest)], default=fronts)
+                                for front in self.fronts], int)
+
+    @property
+    def operations(self) -> float:
+        """Multiplications that all of it takes."""
+        return sum(front.operations for front in self.fronts)
+
+
+def groups(numbers: list[np.ndarray], size: int, dual: int,
+           rows: np.ndarray) -> tuple[np.ndarray, int]:
+    """(size,) group of every unknown by its turn, and the number of those to be eliminated.
+
+    Unknowns of a group belong to the same subdomains, and are gluing rows, corner dofs, numbers
+    from `dual` on, or the contact `rows`, whose groups come last.
+    """
+    part, meets = np.random.default_rng(1).random(len(numbers)), np.zeros(size)
+    for value, number in zip(part, numbers):
+        meets[number] += value  # equal sums of random numbers are those of equal sets
+    meets[dual:] += len(numbers) + 1.0
+    meets[rows] += 2 * len(numbers) + 2.0
+    inner = np.ones(size, bool)
+    inner[rows] = False
+    group = np.unique(meets, return_inverse=True)[1]
+    count = int(group[inner].max(initial=-1)) + 1
+    turn = np.arange(group.max(initial=-1) + 1)
+    if count:
+        pairs = [np.empty((0, 2), int)]
+        for number in numbers:
+            met = np.unique(group[number])
+            met = met[met < count]
+            low, high = np.tril_indices(len(met))
+            pairs.append(np.column_stack([met[low], met[high]]))
+        pairs = np.concatenate(pairs)
+        pattern = spmatrix(1.0, pairs[:, 0], pairs[:, 1], (count, count))
+        turn[np.array(amd.order(pattern)).ravel()] = np.arange(count)
+    return turn[group], count
+
+
+def _met(numbers: list[np.ndarray], group: np.ndarray) -> list[set[int]]:
+    """The groups of every subdomain that has unknowns."""
+    return [set(group[number].tolist()) for number in numbers if len(number)]
+
+
+def _merged(met: list[set[int]], sizes: np.ndarray, count: int) -> list[Front]:
+    """The fronts of the first `count` groups, children merged with parents where that pays.
+
+    `met` are the groups of every subdomain, `sizes` the unknowns of every group.
+    """
+    waiting, made = [[] for _ in range(count + 1)], [None] * count
+    for every in met:
+        waiting[min(min(every), count)].append(every)
+    children = [[] for _ in range(count + 1)]
+    for g in range(count):
+        rest = set().union(*waiting[g], *(made[c].rest for c in children[g])) - {g}
+        pivots = int(sizes[g])
+        front = Front([g], rest, pivots, pivots + int(sizes[list(rest)].sum()))
+        for c in sorted(children[g], key=lambda c: (-made[c].left, c)):
+            if _pays(made[c], front):
+                child, made[c] = made[c], None
+                front.groups += child.groups
+                front.pivots, front.size = front.pivots + child.pivots, front.size + child.pivots
+        made[g] = front
+        children[min(min(rest, default=count), count)].append(g)
+    return [front for front in made if front is not None]
+
+
+def _pays(child: Front, parent: Front) -> bool:
+    """Whether the child's pivots are better eliminated in its parent."""
+    size = float(parent.size + child.pivots)
+    more = child.pivots * (size**2 - float(child.size) ** 2) / 2
+    grown = size**2 - float(parent.size) ** 2 - float(child.size) ** 2
+    return EACH_FRONT - EACH_ENTRY * (grown - child.left) / 2 > more
