@@ -16,6 +16,7 @@ from cvxopt import amd, spmatrix
 # in the time of a multiplication of dense elimination
 EACH_ENTRY = 30.0  # to form an entry of a front, and to take it over from a child
 EACH_FRONT = 1e6  # a front however small
+PARTS = (1, 2, 4, 8)  # of a rank's share: how large the subtrees are that go to ranks as a whole
 
 
 @dataclass
@@ -29,6 +30,11 @@ class Front:
     rest: set[int]
     pivots: int
     size: int
+
+    @property
+    def work(self) -> float:
+        """What it takes, in multiplications."""
+        return self.operations + EACH_ENTRY * float(self.size) ** 2 + EACH_FRONT
 
     @property
     def operations(self) -> float:
@@ -47,8 +53,8 @@ class EliminationTree:
     `place` (unknowns,) are the unknowns' places in that order, those of contact rows the last, and
     `start` (fronts + 1,) the first of every front and of contact. `pivots` are the numbers of a
     front's gluing rows and of its corner dofs, which come after them. `first` (subdomains,) is the
-    front that a subdomain's matrix goes to, `parent` (fronts,) the one that waits for a front; what
-    waits for all is contact, which is numbered like one more front.
+    front that a subdomain's matrix goes to, `parent` (fronts,) the one that waits for a front, as
+    `children` (fronts + 1,) say of it; what waits for the last is contact, numbered like one more.
     """
 
     def __init__(self, numbers: list[np.ndarray], size: int, dual: int, rows: np.ndarray):
@@ -75,11 +81,70 @@ class EliminationTree:
         self.first = np.array([key[of].min(initial=fronts) for of in numbers], int)
         self.parent = np.array([min(front_of[list(front.rest)], default=fronts)
                                 for front in self.fronts], int)
+        self.children = [[] for _ in range(fronts + 1)]
+        for front, parent in enumerate(self.parent):
+            self.children[parent].append(front)
+        self._weight = np.array([len(of) ** 2 for of in numbers], float)  # of a matrix to be sent
 
     @property
     def operations(self) -> float:
         """Multiplications that all of it takes."""
         return sum(front.operations for front in self.fronts)
+
+    def owners(self, holders: np.ndarray, ranks: int) -> np.ndarray:
+        """(fronts + 1,) the ranks that make the fronts and what is left on contact.
+
+        Whole subtrees of about equal work go to a rank, where most of it is, and fronts above them
+        to that of their heaviest child. `holders` (subdomains,) are the ranks of the subdomains.
+        """
+        if ranks == 1:
+            return np.zeros(len(self.fronts) + 1, int)
+        work = np.array([front.work for front in self.fronts] + [0.0])
+        below = work.copy()
+        for front, parent in enumerate(self.parent):
+            below[parent] += below[front]
+        best, chosen = np.inf, None
+        for parts in PARTS:
+            owner = self._shared(below, below[-1] / ranks / parts, holders, ranks)
+            end = self._end(work, owner, ranks)
+            if end < best:
+                best, chosen = end, owner
+        return chosen
+
+    def _shared(self, below: np.ndarray, largest: float, holders: np.ndarray,
+                ranks: int) -> np.ndarray:
+        """The same where subtrees of at most `largest` of the work `below` fronts go as a whole."""
+        count = len(self.fronts)
+        piece = np.full(count + 1, -1)  # the subtree that a front is in, by its uppermost front
+        for front in reversed(range(count)):
+            above = piece[self.parent[front]]
+            piece[front] = front if above < 0 and below[front] <= largest else above
+        tops = np.flatnonzero(piece[:-1] == np.arange(count))
+        share, load = np.zeros(count + 1, int), np.zeros(ranks)
+        for top in sorted(tops, key=lambda top: (-below[top], top)):
+            share[top] = load.argmin()
+            load[share[top]] += below[top]
+        here = np.zeros((ranks, ranks))
+        inside = piece[self.first] >= 0
+        np.add.at(here, (share[piece[self.first[inside]]], holders[inside]), self._weight[inside])
+        rank = _paired(here)
+        owner, heaviest = np.zeros(count + 1, int), np.full(count + 1, -1.0)
+        for front in range(count + 1):
+            if front < count and piece[front] >= 0:
+                owner[front] = rank[share[piece[front]]]
+            parent = self.parent[front] if front < count else front
+            if below[front] > heaviest[parent]:
+                heaviest[parent], owner[parent] = below[front], owner[front]
+        return owner
+
+    def _end(self, work: np.ndarray, owner: np.ndarray, ranks: int) -> float:
+        """When all the `work` is done, if messages take no time."""
+        free, ready = np.zeros(ranks), np.zeros(len(work))
+        for front, parent in enumerate(self.parent):
+            rank = owner[front]
+            free[rank] = max(free[rank], ready[front]) + work[front]
+            ready[parent] = max(ready[parent], free[rank])
+        return ready[-1]
 
 
 def groups(numbers: list[np.ndarray], size: int, dual: int,
@@ -110,6 +175,16 @@ def groups(numbers: list[np.ndarray], size: int, dual: int,
         pattern = spmatrix(1.0, pairs[:, 0], pairs[:, 1], (count, count))
         turn[np.array(amd.order(pattern)).ravel()] = np.arange(count)
     return turn[group], count
+
+
+def _paired(weight: np.ndarray) -> np.ndarray:
+    """(n,) a column of `weight` (n, n) for every row, each once: the heaviest pairs first."""
+    chosen, free = np.full(len(weight), -1), np.ones(len(weight), bool)
+    for pair in np.argsort(-weight, axis=None, kind="stable").tolist():
+        row, column = divmod(pair, len(weight))
+        if chosen[row] < 0 and free[column]:
+            chosen[row], free[column] = column, False
+    return chosen
 
 
 def _met(numbers: list[np.ndarray], group: np.ndarray) -> list[set[int]]:

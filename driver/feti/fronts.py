@@ -15,13 +15,15 @@ compliance.py, which eliminates motions of free bodies as well.
 """
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.linalg import blas, lapack, solve_triangular
 
-from ..errors import NotConverged
+from ..errors import NotConverged, agree
 from .elimination_tree import EliminationTree
+from .exchange import Handover, exchanged
+from .gathering import gather, joined
 from .operator import DualOperator
 from .rows import contact_row_numbers
 
@@ -34,23 +36,57 @@ EACH_FRONT, EACH_PRODUCT = 4e5, 8e5
 
 
 @dataclass
-class Front:
-    """Factor of the pivots of one sign of a front: L (m, m) and L^-1 times the rest.
-
-    `index` (m + r,) are the places of its unknowns, ascending, the pivots first, less those of
-    contact rows, which are known where it is used.
-    """
+class Factor:
+    """That of the pivots of one sign of a front: L (m, m), and L^-1 times the rest (m, r)."""
 
     sign: float
-    index: np.ndarray
     pivots: np.ndarray
     rest: np.ndarray
 
 
-class GluingElimination:
-    """Elimination of all but the contact rows, the same on every rank; collective.
+@dataclass
+class Factors:
+    """The factors of a front: those of its gluing rows, then of its corners.
 
-    Of a body without free rigid motions. `price` is what `compliance` takes, in products with F.
+    `index` (n,) are the places of its unknowns, ascending, its `count` pivots first, less those of
+    contact rows, which are known where it is used. `children` are the positions in it of what its
+    children leave, by their numbers.
+    """
+
+    index: np.ndarray
+    count: int
+    children: dict[int, np.ndarray]
+    parts: list[Factor] = field(default_factory=list)
+
+    @property
+    def own(self) -> np.ndarray:
+        """(count,) places of the pivots."""
+        return self.index[: self.count]
+
+    def condense(self, values: np.ndarray) -> None:
+        """Forward substitution of a right side (n,), in place: at its end what is left of it."""
+        for part in self.parts:
+            m = len(part.pivots)
+            values[:m] = solve_triangular(part.pivots, values[:m], lower=True, check_finite=False)
+            values[m:] -= part.sign * (values[:m] @ part.rest)
+            values = values[m:]
+
+    def expand(self, values: np.ndarray) -> None:
+        """Backward substitution (n,), in place, where its end is the solution there."""
+        stop = self.count
+        for part in reversed(self.parts):
+            start = stop - len(part.pivots)
+            own = part.sign * (values[start:stop] - part.rest @ values[stop:])
+            values[start:stop] = solve_triangular(part.pivots, own, lower=True, trans="T",
+                                                  check_finite=False)
+            stop = start
+
+
+class GluingElimination:
+    """Elimination of all but the contact rows; the ranks share the fronts. Collective.
+
+    What a front is made of is added in an order that does not depend on who has it. Of a body
+    without free rigid motions. `price` is what `compliance` takes on one rank, in products with F.
     """
 
     def __init__(self, operator: DualOperator):
@@ -61,9 +97,12 @@ class GluingElimination:
         self._numbers = self._of_subdomains(
             lambda s, c: np.append(structure.rows[s].row,
                                    self._dual + structure.corner_global[s]))
+        self._holder = np.repeat(np.arange(operator.comm.size),
+                                 operator.comm.allgather(len(structure.subdomains)))
         self._tree = EliminationTree(self._numbers, size, self._dual, rows)
-        self._place, self._start = self._tree.place, self._tree.start
-        self._fronts, self._compliance = None, None
+        self._place = self._tree.place
+        self._owner = self._tree.owners(self._holder, operator.comm.size)
+        self._factors, self._compliance = {}, None
         shared = self._of_subdomains(lambda s, c: SHARED if c.shared else 1.0)
         work = sum(len(of) ** 2 / factor for of, factor in zip(self._numbers, shared))
         fronts = self._tree.operations / SPEED + EACH_FRONT * len(self._tree.fronts)
@@ -72,7 +111,7 @@ class GluingElimination:
 
     def compliance(self) -> np.ndarray:
         """C (c, c) as `contact_row_numbers` orders it; made once. Raises NotConverged."""
-        if self._fronts is None:
+        if self._compliance is None:
             self._eliminate()
         return self._compliance
 
@@ -86,21 +125,31 @@ class GluingElimination:
 
         Zero on contact rows. `compliance` has been asked for.
         """
-        right = np.zeros(len(self._place))
-        right[self._place[: self._dual]] = -residual
-        right[len(right) - self._last :] = 0.0
-        for front in self._fronts:
-            m = len(front.pivots)
-            part = solve_triangular(front.pivots, right[front.index[:m]], lower=True,
-                                    check_finite=False)
-            right[front.index[m:]] -= front.sign * (part @ front.rest)
-            right[front.index[:m]] = part
-        for front in reversed(self._fronts):
-            m = len(front.pivots)
-            part = front.sign * (right[front.index[:m]] - front.rest @ right[front.index[m:]])
-            right[front.index[:m]] = solve_triangular(front.pivots, part, lower=True, trans="T",
-                                                      check_finite=False)
-        return right[self._place[: self._dual]]
+        x, way = np.zeros(len(self._place)), Handover(self._operator.comm)
+        x[self._place[: self._dual]] = -residual
+        x[len(x) - self._last :] = 0.0
+        owner, parent = self._owner, self._tree.parent
+        for front, factors in self._factors.items():
+            values = np.append(x[factors.own], np.zeros(len(factors.index) - factors.count))
+            for child, place in factors.children.items():
+                values[place] += way.taken(child, owner[child], np.empty(len(place)))[0]
+            factors.condense(values)
+            x[factors.own] = values[: factors.count]
+            if len(values) > factors.count:
+                way.give(front, owner[parent[front]], values[factors.count :])
+        way.finish()
+        for front, factors in reversed(self._factors.items()):
+            values = np.append(x[factors.own], np.zeros(len(factors.index) - factors.count))
+            if len(values) > factors.count:
+                above, rest = owner[parent[front]], values[factors.count :]
+                rest[:] = way.taken(front, above, np.empty(len(rest)))[0]
+            factors.expand(values)
+            x[factors.own] = values[: factors.count]
+            for child, place in factors.children.items():
+                way.give(child, owner[child], values[place])
+        way.finish()
+        x[self._pivots] = gather(self._operator.comm, x[self._own_pivots])
+        return x[self._place[: self._dual]]
 
     def _of_subdomains(self, part) -> list:
         """`part` (subdomain, class) of every subdomain of all ranks, in their order."""
@@ -121,37 +170,77 @@ class GluingElimination:
         matrix = np.block([[c.F, -c.A], [-c.A_transposed, -c.S]]) * sign[:, None] * sign
         return matrix[np.ix_(order, order)]
 
+    def _matrices(self) -> list[list[tuple]]:
+        """By front of this rank index and matrix, or what makes it, of its subdomains, in order."""
+        operator, tree = self._operator, self._tree
+        comm, begin = operator.comm, operator.structure.first
+        # matrices are made when they are needed: never are all there at once
+        made = {begin + s: functools.partial(self._matrix, s, c)
+                for c in operator.classes for s in c.members}
+        to, size = self._owner[tree.first], np.array([len(of) for of in self._numbers], int)
+        if comm.size > 1:
+            own, there = self._holder == comm.rank, to == comm.rank
+            away, foreign = np.flatnonzero(own & ~there), np.flatnonzero(there & ~own)
+            away = away[np.argsort(to[away], kind="stable")]
+            sent, received = (np.bincount(ranks, size[of] ** 2, comm.size).astype(int) for ranks, of
+                              in ((to[away], away), (self._holder[foreign], foreign)))
+            entries = joined([made[s]().ravel() for s in away], float)
+            entries = exchanged(comm, entries, sent, received)
+            for s, part in zip(foreign, np.split(entries, np.cumsum(size[foreign] ** 2)[:-1])):
+                made[s] = part.reshape(size[s], size[s])
+        parts = [[] for _ in self._owner]
+        for s in np.flatnonzero((to == comm.rank) & (size > 0)):
+            parts[tree.first[s]].append((np.sort(self._place[self._numbers[s]]), made[s]))
+        return parts
+
     def _eliminate(self) -> None:
-        """The fronts one after the other, and C."""
-        waiting = [[] for _ in self._start]
+        """This rank's fronts one after the other, and C on every rank."""
+        tree, comm, error = self._tree, self._operator.comm, None
+        parts, way, C = self._matrices(), Handover(comm), np.empty([self._last] * 2)
+        for front in np.flatnonzero(self._owner == comm.rank).tolist():
+            left = {child: self._left(way, child) for child in tree.children[front]}
+            index, matrix = _assembled(parts[front] + list(left.values()))
+            parts[front] = None
+            if front == len(tree.fronts):  # the contact rows, each of which has a subdomain
+                C[:] = np.tril(matrix)
+                break
+            places = {child: np.searchsorted(index, rest) for child, (rest, _) in left.items()}
+            del left
+            count = tree.pivots[front].sum()
+            try:
+                matrix = self._eliminated_front(front, index, matrix, places)
+            except NotConverged as problem:  # what waits for this front must not wait for ever
+                error, matrix = problem, np.full([len(index) - count] * 2, np.nan)
+            way.give(front, self._owner[tree.parent[front]], index[count:], matrix)
+        way.finish()
+        agree(comm, error)
+        comm.Bcast(C, self._owner[-1])
+        self._own_pivots = joined([factors.own for factors in self._factors.values()], int)
+        self._pivots = gather(comm, self._own_pivots)
+        self._compliance = C + np.tril(C, -1).T
 
-        def add(index: np.ndarray, matrix) -> None:
-            front = np.searchsorted(self._start, index[0], "right") - 1
-            waiting[front].append((index, matrix))
+    def _left(self, way: Handover, child: int) -> tuple[np.ndarray, np.ndarray]:
+        """Index and matrix that the front `child` leaves."""
+        size = self._tree.fronts[child].size - self._tree.fronts[child].pivots
+        return way.taken(child, self._owner[child], np.empty(size, int), np.empty((size, size)))
 
-        # one rank makes them when they are needed: never are all there at once
-        alone = self._operator.comm.size == 1
-        matrices = self._of_subdomains(
-            lambda s, c: functools.partial(self._matrix, s, c) if alone else self._matrix(s, c))
-        for number, matrix in zip(self._numbers, matrices):
-            if len(number):
-                add(np.sort(self._place[number]), matrix)
-        del matrices
-        self._fronts, first = [], len(self._place) - self._last
-        for g, pivots in enumerate(self._tree.pivots):
-            index, matrix = _assembled(waiting[g])
-            for m, sign in zip(pivots, (1.0, -1.0)):
-                if not m:
-                    continue
+    def _eliminated_front(self, front: int, index: np.ndarray, matrix: np.ndarray,
+                          places: dict[int, np.ndarray]) -> np.ndarray:
+        """What is left of the front's `matrix` (n, n); its factors are kept.
+
+        `places` are those of what its children leave, in its `index` (n,). Raises NotConverged.
+        """
+        pivots, inner = self._tree.pivots[front], np.searchsorted(index, len(self._place) - self._last)
+        places = {child: place[place < inner] for child, place in places.items()}
+        places = {child: place for child, place in places.items() if len(place)}
+        factors, done = Factors(index[:inner], pivots.sum(), places), 0
+        for m, sign in zip(pivots, (1.0, -1.0)):
+            if m:
                 factor, rest, matrix = _eliminated(matrix, m, sign)
-                inner = np.searchsorted(index, first)
-                self._fronts.append(Front(sign, index[:inner], factor, rest[:, : inner - m].copy()))
-                index = index[m:]
-            if len(index):
-                add(index, matrix)
-        C = np.tril(_assembled(waiting[-1])[1])  # all contact rows, as each has a subdomain
-        C += np.tril(C, -1).T
-        self._compliance = C
+                done += m
+                factors.parts.append(Factor(sign, factor, rest[:, : inner - done].copy()))
+        self._factors[front] = factors
+        return matrix
 
 
 def _assembled(parts: list[tuple]) -> tuple[np.ndarray, np.ndarray]:
@@ -181,7 +270,7 @@ def _eliminated(matrix: np.ndarray, m: int, sign: float) -> tuple[np.ndarray, ..
     Of `matrix` (m + r, m + r) and of what is left the lower triangle counts. Raises NotConverged.
     """
     pivots, failed = lapack.dpotrf(sign * matrix[:m, :m], lower=1)
-    if failed:
+    if failed or not np.isfinite(pivots.diagonal()).all():
         raise NotConverged("the contact compliance: gluing conditions could not be eliminated")
     rest = solve_triangular(pivots, matrix[m:, :m].T, lower=True, check_finite=False)
     left = matrix[m:, m:].copy()

@@ -67,7 +67,7 @@ def test_the_order_of_fronts_follows_the_interfaces(built, monkeypatch, merged):
     assert elimination._tree.operations == pytest.approx(
         sum(front.pivots * front.size**2 / 2 for front in made), rel=1e-12)
     # what is kept to solve with has no contact rows
-    kept = max(front.index.max() for front in elimination._fronts)
+    kept = max(factors.index.max() for factors in elimination._factors.values())
     assert kept < unknowns - contact
 
 
