@@ -33,6 +33,7 @@ SHARED = 5.0  # multiplications with a matrix that many subdomains share
 WITH_PRECONDITIONER = 2.0  # the Dirichlet preconditioner has matrices of the size of F's
 # multiplications in the time that a front takes however small, and a product with what QPs do by it
 EACH_FRONT, EACH_PRODUCT = 4e5, 8e5
+A_BLOCK = 200  # entries that are added one by one in the time that a block takes however small
 
 
 @dataclass
@@ -258,9 +259,24 @@ def _assembled(parts: list[tuple]) -> tuple[np.ndarray, np.ndarray]:
             total = matrix
             continue
         total = np.zeros((len(index),) * 2) if total is None else total
-        place = np.searchsorted(index, part)
-        total[np.ix_(place, place)] += matrix
+        _add(total, np.searchsorted(index, part), matrix)
     return index, np.empty((0, 0)) if total is None else total
+
+
+def _add(total: np.ndarray, place: np.ndarray, matrix: np.ndarray) -> None:
+    """Add the lower triangle of `matrix` (n, n) to rows and columns `place` (n,) of `total`.
+
+    Unknowns of a group lie beside one another, so that blocks are added, and few of them.
+    """
+    ends = np.flatnonzero(np.diff(place) > 1) + 1
+    if A_BLOCK * len(ends) ** 2 > matrix.size:
+        total[np.ix_(place, place)] += matrix
+        return
+    blocks = [(slice(i, j), slice(p, p + j - i)) for i, j, p in
+              zip([0, *ends], [*ends, len(place)], place[[0, *ends]])]
+    for k, (rows, to) in enumerate(blocks):
+        for columns, beside in blocks[: k + 1]:
+            total[to, beside] += matrix[rows, columns]
 
 
 def _eliminated(matrix: np.ndarray, m: int, sign: float) -> tuple[np.ndarray, ...]:

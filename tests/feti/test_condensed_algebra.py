@@ -94,9 +94,25 @@ def test_parts_are_added_where_their_indices_are():
                  for k in order]
         index, total = fronts._assembled(parts)
         assert index.tolist() == [0, 1, 4, 6, 9] and not parts
-        np.testing.assert_allclose(total, expected[np.ix_(index, index)], rtol=1e-14)
+        np.testing.assert_allclose(np.tril(total), np.tril(expected[np.ix_(index, index)]),
+                                   rtol=1e-14)
     index, total = fronts._assembled([])
     assert not len(index) and total.shape == (0, 0)
+
+
+@pytest.mark.parametrize("place", [[0, 1, 2, 3], [2, 3, 4, 7], [0, 2, 5, 8], [5]])
+def test_blocks_are_added_like_single_entries(monkeypatch, place):
+    """Rows beside one another and apart: to the last bit, in the lower triangle."""
+    rng, sums = np.random.default_rng(6), []
+    start, matrix = rng.standard_normal((9, 9)), rng.standard_normal([len(place)] * 2)
+    for cost in (0, 1e9):
+        monkeypatch.setattr(fronts, "A_BLOCK", cost)
+        sums.append(start.copy())
+        fronts._add(sums[-1], np.array(place), matrix)
+    expected = start.copy()
+    expected[np.ix_(place, place)] += matrix
+    for total in sums:
+        assert np.array_equal(np.tril(total), np.tril(expected))
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
