@@ -16,7 +16,8 @@ from cvxopt import amd, spmatrix
 # in the time of a multiplication of dense elimination
 EACH_ENTRY = 30.0  # to form an entry of a front, and to take it over from a child
 EACH_FRONT = 1e6  # a front however small
-PARTS = (1, 2, 4, 8)  # of a rank's share: how large the subtrees are that go to ranks as a whole
+A_MOVE = 50.0  # an entry that goes to another rank
+PARTS = (2, 4, 8, 16)  # of a rank's share: how large the subtrees are that stay together
 
 
 @dataclass
@@ -91,60 +92,59 @@ class EliminationTree:
         """Multiplications that all of it takes."""
         return sum(front.operations for front in self.fronts)
 
-    def owners(self, holders: np.ndarray, ranks: int) -> np.ndarray:
-        """(fronts + 1,) the ranks that make the fronts and what is left on contact.
+    def shared(self, holders: np.ndarray, ranks: int) -> tuple[np.ndarray, np.ndarray]:
+        """(fronts + 1,) the ranks that make the fronts and what is left on contact, and their turn.
 
-        Whole subtrees of about equal work go to a rank, where most of it is, and fronts above them
-        to that of their heaviest child. `holders` (subdomains,) are the ranks of the subdomains.
+        Each rank makes its own in this order of all, which none waits for ever in. `holders`
+        (subdomains,) are the ranks of the subdomains.
         """
+        count = len(self.fronts)
         if ranks == 1:
-            return np.zeros(len(self.fronts) + 1, int)
+            return np.zeros(count + 1, int), np.arange(count + 1)
+        held = np.zeros((count + 1, ranks))
+        np.add.at(held, (self.first, holders), self._weight)
         work = np.array([front.work for front in self.fronts] + [0.0])
         below = work.copy()
         for front, parent in enumerate(self.parent):
             below[parent] += below[front]
-        best, chosen = np.inf, None
-        for parts in PARTS:
-            owner = self._shared(below, below[-1] / ranks / parts, holders, ranks)
-            end = self._end(work, owner, ranks)
-            if end < best:
-                best, chosen = end, owner
-        return chosen
+        sizes = [np.inf, *(below[-1] / ranks / parts for parts in PARTS)]  # inf: one rank has all
+        plans = (self._planned(work, below, held, size) for size in sizes)
+        _, owner, order = min(plans, key=lambda plan: plan[0])
+        return owner, order
 
-    def _shared(self, below: np.ndarray, largest: float, holders: np.ndarray,
-                ranks: int) -> np.ndarray:
-        """The same where subtrees of at most `largest` of the work `below` fronts go as a whole."""
-        count = len(self.fronts)
-        piece = np.full(count + 1, -1)  # the subtree that a front is in, by its uppermost front
-        for front in reversed(range(count)):
-            above = piece[self.parent[front]]
-            piece[front] = front if above < 0 and below[front] <= largest else above
-        tops = np.flatnonzero(piece[:-1] == np.arange(count))
-        share, load = np.zeros(count + 1, int), np.zeros(ranks)
-        for top in sorted(tops, key=lambda top: (-below[top], top)):
-            share[top] = load.argmin()
-            load[share[top]] += below[top]
-        here = np.zeros((ranks, ranks))
-        inside = piece[self.first] >= 0
-        np.add.at(here, (share[piece[self.first[inside]]], holders[inside]), self._weight[inside])
-        rank = _paired(here)
-        owner, heaviest = np.zeros(count + 1, int), np.full(count + 1, -1.0)
-        for front in range(count + 1):
-            if front < count and piece[front] >= 0:
-                owner[front] = rank[share[piece[front]]]
-            parent = self.parent[front] if front < count else front
-            if below[front] > heaviest[parent]:
-                heaviest[parent], owner[parent] = below[front], owner[front]
-        return owner
+    def _planned(self, work: np.ndarray, below: np.ndarray, held: np.ndarray,
+                 largest: float) -> tuple[float, np.ndarray, np.ndarray]:
+        """The same, and when all is done, where subtrees of `below` <= `largest` stay together.
 
-    def _end(self, work: np.ndarray, owner: np.ndarray, ranks: int) -> float:
-        """When all the `work` is done, if messages take no time."""
-        free, ready = np.zeros(ranks), np.zeros(len(work))
-        for front, parent in enumerate(self.parent):
-            rank = owner[front]
-            free[rank] = max(free[rank], ready[front]) + work[front]
-            ready[parent] = max(ready[parent], free[rank])
-        return ready[-1]
+        Those with most work after them come first, each where it is done first (H. Topcuoglu, S.
+        Hariri, M.-Y. Wu, IEEE Trans. Parallel Distrib. Syst. 13 (2002) 260-274: HEFT). `held`
+        (fronts + 1, ranks) are entries of matrices that go to a front, by the ranks that have them.
+        """
+        count, ranks = len(self.fronts), held.shape[1]
+        parent, top = np.append(self.parent, count), np.arange(count + 1)
+        for front in reversed(range(count)):  # the front that a subtree ends with, or itself
+            if below[parent[front]] <= largest:
+                top[front] = top[parent[front]]
+        cost = np.bincount(top, work)
+        moved = np.zeros((count + 1, ranks))
+        np.add.at(moved, top, held.sum(axis=1)[:, None] - held)
+        after, tops = cost.copy(), np.unique(top)
+        for front in reversed(tops[:-1]):
+            after[front] += after[parent[front]]
+        owner, free = np.zeros(count + 1, int), np.zeros(ranks)
+        ready = np.zeros((count + 1, ranks))
+        turn = tops[np.argsort(-after[tops], kind="stable")]
+        for front in turn:
+            end = np.maximum(free, ready[front]) + cost[front] + A_MOVE * moved[front]
+            owner[front] = rank = end.argmin()
+            free[rank] = end[rank]
+            if front < count:
+                arrives = np.full(ranks, end[rank] + A_MOVE * self.fronts[front].left)
+                arrives[rank] = end[rank]
+                ready[parent[front]] = np.maximum(ready[parent[front]], arrives)
+        place = np.empty(count + 1, int)
+        place[turn] = np.arange(len(turn))
+        return free[owner[-1]], owner[top], np.argsort(place[top], kind="stable")
 
 
 def groups(numbers: list[np.ndarray], size: int, dual: int,
@@ -175,16 +175,6 @@ def groups(numbers: list[np.ndarray], size: int, dual: int,
         pattern = spmatrix(1.0, pairs[:, 0], pairs[:, 1], (count, count))
         turn[np.array(amd.order(pattern)).ravel()] = np.arange(count)
     return turn[group], count
-
-
-def _paired(weight: np.ndarray) -> np.ndarray:
-    """(n,) a column of `weight` (n, n) for every row, each once: the heaviest pairs first."""
-    chosen, free = np.full(len(weight), -1), np.ones(len(weight), bool)
-    for pair in np.argsort(-weight, axis=None, kind="stable").tolist():
-        row, column = divmod(pair, len(weight))
-        if chosen[row] < 0 and free[column]:
-            chosen[row], free[column] = column, False
-    return chosen
 
 
 def _met(numbers: list[np.ndarray], group: np.ndarray) -> list[set[int]]:

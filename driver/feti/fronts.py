@@ -102,7 +102,7 @@ class GluingElimination:
                                  operator.comm.allgather(len(structure.subdomains)))
         self._tree = EliminationTree(self._numbers, size, self._dual, rows)
         self._place = self._tree.place
-        self._owner = self._tree.owners(self._holder, operator.comm.size)
+        self._owner, self._turn = self._tree.shared(self._holder, operator.comm.size)
         self._factors, self._compliance = {}, None
         shared = self._of_subdomains(lambda s, c: SHARED if c.shared else 1.0)
         work = sum(len(of) ** 2 / factor for of, factor in zip(self._numbers, shared))
@@ -198,7 +198,7 @@ class GluingElimination:
         """This rank's fronts one after the other, and C on every rank."""
         tree, comm, error = self._tree, self._operator.comm, None
         parts, way, C = self._matrices(), Handover(comm), np.empty([self._last] * 2)
-        for front in np.flatnonzero(self._owner == comm.rank).tolist():
+        for front in self._turn[self._owner[self._turn] == comm.rank].tolist():
             left = {child: self._left(way, child) for child in tree.children[front]}
             index, matrix = _assembled(parts[front] + list(left.values()))
             parts[front] = None
