@@ -12,6 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from cvxopt import amd, spmatrix
+from scipy.sparse import coo_matrix, tril
+
+from .gathering import joined
 
 # in the time of a multiplication of dense elimination
 EACH_ENTRY = 30.0  # to form an entry of a front, and to take it over from a child
@@ -154,9 +157,9 @@ def groups(numbers: list[np.ndarray], size: int, dual: int,
     Unknowns of a group belong to the same subdomains, and are gluing rows, corner dofs, numbers
     from `dual` on, or the contact `rows`, whose groups come last.
     """
-    part, meets = np.random.default_rng(1).random(len(numbers)), np.zeros(size)
-    for value, number in zip(part, numbers):
-        meets[number] += value  # equal sums of random numbers are those of equal sets
+    of, every = _pairs(numbers)
+    # equal sums of random numbers are those of equal sets
+    meets = np.bincount(every, np.random.default_rng(1).random(len(numbers))[of], size)
     meets[dual:] += len(numbers) + 1.0
     meets[rows] += 2 * len(numbers) + 2.0
     inner = np.ones(size, bool)
@@ -165,21 +168,28 @@ def groups(numbers: list[np.ndarray], size: int, dual: int,
     count = int(group[inner].max(initial=-1)) + 1
     turn = np.arange(group.max(initial=-1) + 1)
     if count:
-        pairs = [np.empty((0, 2), int)]
-        for number in numbers:
-            met = np.unique(group[number])
-            met = met[met < count]
-            low, high = np.tril_indices(len(met))
-            pairs.append(np.column_stack([met[low], met[high]]))
-        pairs = np.concatenate(pairs)
-        pattern = spmatrix(1.0, pairs[:, 0], pairs[:, 1], (count, count))
+        inner = inner[every]
+        entries = np.ones(np.count_nonzero(inner)), (of[inner], group[every[inner]])
+        present = coo_matrix(entries, shape=(len(numbers), count)).tocsr()
+        meet = tril(present.T @ present, format="coo")
+        pattern = spmatrix(1.0, meet.row, meet.col, (count, count))
         turn[np.array(amd.order(pattern)).ravel()] = np.arange(count)
     return turn[group], count
 
 
+def _pairs(numbers: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """(k,) subdomain and number of all their unknowns, one after the other."""
+    of = np.repeat(np.arange(len(numbers)), [len(number) for number in numbers])
+    return of, joined(numbers, int)
+
+
 def _met(numbers: list[np.ndarray], group: np.ndarray) -> list[set[int]]:
     """The groups of every subdomain that has unknowns."""
-    return [set(group[number].tolist()) for number in numbers if len(number)]
+    of, every = _pairs(numbers)
+    count = len(group) + 1
+    of, met = np.divmod(np.unique(of * count + group[every]), count)
+    return [set(part.tolist()) for part in np.split(met, np.flatnonzero(np.diff(of)) + 1)
+            if len(part)]
 
 
 def _merged(met: list[set[int]], sizes: np.ndarray, count: int) -> list[Front]:
@@ -190,11 +200,11 @@ def _merged(met: list[set[int]], sizes: np.ndarray, count: int) -> list[Front]:
     waiting, made = [[] for _ in range(count + 1)], [None] * count
     for every in met:
         waiting[min(min(every), count)].append(every)
-    children = [[] for _ in range(count + 1)]
+    children, size_of = [[] for _ in range(count + 1)], sizes.tolist()
     for g in range(count):
         rest = set().union(*waiting[g], *(made[c].rest for c in children[g])) - {g}
-        pivots = int(sizes[g])
-        front = Front([g], rest, pivots, pivots + int(sizes[list(rest)].sum()))
+        pivots = size_of[g]
+        front = Front([g], rest, pivots, pivots + sum(map(size_of.__getitem__, rest)))
         for c in sorted(children[g], key=lambda c: (-made[c].left, c)):
             if _pays(made[c], front):
                 child, made[c] = made[c], None
