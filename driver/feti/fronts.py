@@ -231,7 +231,8 @@ class GluingElimination:
 
         `places` are those of what its children leave, in its `index` (n,). Raises NotConverged.
         """
-        pivots, inner = self._tree.pivots[front], np.searchsorted(index, len(self._place) - self._last)
+        pivots = self._tree.pivots[front]
+        inner = np.searchsorted(index, len(self._place) - self._last)
         places = {child: place[place < inner] for child, place in places.items()}
         places = {child: place for child, place in places.items() if len(place)}
         factors, done = Factors(index[:inner], pivots.sum(), places), 0

@@ -68,10 +68,10 @@ class Fields:
         if written:
             return
         subs = self.operator.structure.subdomains
-        stress = joined((stresses(sub, u, step.weights)
-                         for sub, u in zip(subs, displacements)), float, 4)
-        corners = joined((corner_stresses(sub, u, step.weights)
-                          for sub, u in zip(subs, displacements)), float, 3, 4)
+        means = [stresses(sub, u, step.weights) for sub, u in zip(subs, displacements)]
+        corners = joined((corner_stresses(sub, u, step.weights, mean)
+                          for sub, u, mean in zip(subs, displacements, means)), float, 3, 4)
+        stress = joined(means, float, 4)
         whole = [u.reshape(-1, 2) for u in self.operator.with_travel(displacements, step.weights)]
         shown = joined((u[_drawn(sub)] for sub, u in zip(subs, whole)), float, 2)
         self._write(field_file(step.index, self.pieces),
