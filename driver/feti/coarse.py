@@ -15,7 +15,7 @@ there are no other motions follows from the choice of corners (corners.py).
 import numpy as np
 from petsc4py import PETSc
 from scipy.linalg import qr
-from scipy.sparse import coo_matrix, diags
+from scipy.sparse import coo_matrix, csr_matrix, diags
 
 from ..errors import NoSolution
 from .cholesky import SINGULAR
@@ -190,6 +190,24 @@ class CoarseProblem:
             force[dof] = 0.0
         inverse = np.concatenate(self.comm.allgather(columns))
         return (inverse + inverse.T) / 2
+
+    def compliance(self, dofs: np.ndarray, A: csr_matrix) -> np.ndarray:
+        """A S_rho^-1 A' for A (n, k) on the corner dofs `dofs` (k,), (n, n).
+
+        By a solution for every row, which the ranks share, or for every dof, if these are fewer or
+        known: then they are kept, see `inverse`.
+        """
+        known = self._latest is not None and np.array_equal(self._latest[0], dofs)
+        if known or self._shared is not None or A.shape[0] >= len(dofs):
+            through = A @ (A @ self.inverse(dofs)).T
+        else:
+            mine = A[slice(*partition(A.shape[0], self.comm))]
+            through, force = np.empty((mine.shape[0], A.shape[0])), np.zeros(self.dofs)
+            for k, row in enumerate(mine.toarray()):
+                force[dofs] = row
+                through[k] = A @ self._on_springs(force)[dofs]
+            through = np.concatenate(self.comm.allgather(through))
+        return (through + through.T) / 2
 
     def _by_motions(self, dofs: np.ndarray) -> np.ndarray:
         """What S_rho^-1 has at `dofs` (k,) beside the inverse with pins: (k, k)."""

@@ -42,11 +42,14 @@ class ContactBlock:
         self.local = self._spread(parts, "F", self.rows, self.rows)
         self.M = self._spread(parts, "M", self.rows, self.rows)
         self.A = self._spread(parts, "A", self.rows, corners)
-        self.G = operator.coarse.inverse(corners)
-        if len(self.G) > self.size:  # where whole interfaces are corners: one dense matrix
-            through = self.A @ (self.A @ self.G).T
-            self.local = np.asarray(self.local + (through + through.T) / 2)
+        if len(corners) > self.size:  # where whole interfaces are corners: one dense matrix
+            if structure.numbering is not None:
+                operator.coarse.inverse(corners)  # is kept for the contact rows to come
+            through = operator.coarse.compliance(corners, csr_matrix(self.A))
+            self.local = np.asarray(self.local + through)
             self.A, self.G = np.zeros((self.size, 0)), np.zeros((0, 0))
+        else:
+            self.G = operator.coarse.inverse(corners)
         self._A_transposed = csr_matrix(self.A.T) if issparse(self.A) else self.A.T.copy()
         self.softness = None  # (n,) diagonal that a step adds
 

@@ -5,6 +5,7 @@ range of keys (a rendezvous): no rank ever holds what all of them have.
 """
 
 import numpy as np
+from mpi4py import MPI
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
@@ -23,10 +24,10 @@ def exchange(comm, to: np.ndarray, *tables: np.ndarray) -> tuple[np.ndarray, ...
     comm.Alltoall(sent, received)
     order = np.argsort(to, kind="stable")
     return np.repeat(np.arange(comm.size), received), *(
-        _exchanged(comm, table[order], sent, received) for table in tables)
+        exchanged(comm, table[order], sent, received) for table in tables)
 
 
-def _exchanged(comm, table: np.ndarray, sent: np.ndarray, received: np.ndarray) -> np.ndarray:
+def exchanged(comm, table: np.ndarray, sent: np.ndarray, received: np.ndarray) -> np.ndarray:
     """Rows from all ranks for rows of `table` in the order of the ranks that they go to."""
     result = np.empty((received.sum(), *table.shape[1:]), table.dtype)
     width = int(np.prod(table.shape[1:]))
@@ -91,7 +92,7 @@ class Copies:
         """Values of all entries: of lower ranks, the rank's own (n, ...), of higher ranks."""
         if self.comm.size == 1:
             return values
-        others = _exchanged(self.comm, values[self.entries], self._sent, self._received)
+        others = exchanged(self.comm, values[self.entries], self._sent, self._received)
         return np.concatenate([others[: self._below], values, others[self._below :]])
 
     @property
@@ -173,3 +174,36 @@ def _to_neighbours(graph, values: np.ndarray, sent: np.ndarray,
                for counts in (sent, received)]
     graph.Neighbor_alltoallv((np.ascontiguousarray(values), layouts[0]), (result, layouts[1]))
     return result
+
+
+class Handover:
+    """Arrays that one rank has and another one, or itself, takes up later, by a number of theirs.
+
+    Nobody waits to give, and what is taken has been given under the same number before, or will be
+    by another rank. `finish` before a number is given again.
+    """
+
+    def __init__(self, comm):
+        self.comm = comm
+        self._kept, self._sent = {}, []
+
+    def give(self, number: int, to: int, *arrays: np.ndarray) -> None:
+        """Leave `arrays`, which stay as they are, to the rank `to`."""
+        if to == self.comm.rank:
+            self._kept[number] = arrays
+            return
+        self._sent += [self.comm.Isend(np.ascontiguousarray(array), int(to), tag=int(number))
+                       for array in arrays]
+
+    def taken(self, number: int, source: int, *into: np.ndarray) -> tuple[np.ndarray, ...]:
+        """The arrays that the rank `source` gives; those of other ranks are put `into` these."""
+        if source == self.comm.rank:
+            return self._kept.pop(number)
+        for array in into:
+            self.comm.Recv(array, int(source), tag=int(number))
+        return into
+
+    def finish(self) -> None:
+        """Wait until all has been taken."""
+        MPI.Request.Waitall(self._sent)
+        self._sent = []

@@ -9,18 +9,21 @@ which is symmetric quasidefinite: F_i is positive, -S_cc negative definite on wh
 and any order of elimination does without pivoting (R. J. Vanderbei, SIAM J. Optim. 5 (1995)
 100-113). Rows that the same subdomains share, an interface, are eliminated together, and so are
 the dofs of corners: fronts of hundreds of unknowns, dense anyway, as the local matrices are (I. S.
-Duff, J. K. Reid, ACM Trans. Math. Softw. 9 (1983) 302-325). What is left on the contact rows is the
-compliance C of the glued body; see compliance.py, which eliminates motions of free bodies as well.
+Duff, J. K. Reid, ACM Trans. Math. Softw. 9 (1983) 302-325), one after the other as a tree says
+(elimination_tree.py). What is left on the contact rows is the compliance C of the glued body; see
+compliance.py, which eliminates motions of free bodies as well.
 """
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
-from cvxopt import amd, spmatrix
 from scipy.linalg import blas, lapack, solve_triangular
 
-from ..errors import NotConverged
+from ..errors import NotConverged, agree
+from .elimination_tree import EliminationTree
+from .exchange import Handover, exchanged
+from .gathering import gather, joined
 from .operator import DualOperator
 from .rows import contact_row_numbers
 
@@ -30,26 +33,61 @@ SHARED = 5.0  # multiplications with a matrix that many subdomains share
 WITH_PRECONDITIONER = 2.0  # the Dirichlet preconditioner has matrices of the size of F's
 # multiplications in the time that a front takes however small, and a product with what QPs do by it
 EACH_FRONT, EACH_PRODUCT = 4e5, 8e5
+A_BLOCK = 200  # entries that are added one by one in the time that a block takes however small
 
 
 @dataclass
-class Front:
-    """Factor of one group: L (m, m) of its pivots, of the `sign` given, and L^-1 times the rest.
-
-    `index` (m + r,) are the places of its unknowns, ascending, the pivots first, less those of
-    contact rows, which are known where it is used.
-    """
+class Factor:
+    """That of the pivots of one sign of a front: L (m, m), and L^-1 times the rest (m, r)."""
 
     sign: float
-    index: np.ndarray
     pivots: np.ndarray
     rest: np.ndarray
 
 
-class GluingElimination:
-    """Elimination of all but the contact rows, the same on every rank; collective.
+@dataclass
+class Factors:
+    """The factors of a front: those of its gluing rows, then of its corners.
 
-    Of a body without free rigid motions. `price` is what `compliance` takes, in products with F.
+    `index` (n,) are the places of its unknowns, ascending, its `count` pivots first, less those of
+    contact rows, which are known where it is used. `children` are the positions in it of what its
+    children leave, by their numbers.
+    """
+
+    index: np.ndarray
+    count: int
+    children: dict[int, np.ndarray]
+    parts: list[Factor] = field(default_factory=list)
+
+    @property
+    def own(self) -> np.ndarray:
+        """(count,) places of the pivots."""
+        return self.index[: self.count]
+
+    def condense(self, values: np.ndarray) -> None:
+        """Forward substitution of a right side (n,), in place: at its end what is left of it."""
+        for part in self.parts:
+            m = len(part.pivots)
+            values[:m] = solve_triangular(part.pivots, values[:m], lower=True, check_finite=False)
+            values[m:] -= part.sign * (values[:m] @ part.rest)
+            values = values[m:]
+
+    def expand(self, values: np.ndarray) -> None:
+        """Backward substitution (n,), in place, where its end is the solution there."""
+        stop = self.count
+        for part in reversed(self.parts):
+            start = stop - len(part.pivots)
+            own = part.sign * (values[start:stop] - part.rest @ values[stop:])
+            values[start:stop] = solve_triangular(part.pivots, own, lower=True, trans="T",
+                                                  check_finite=False)
+            stop = start
+
+
+class GluingElimination:
+    """Elimination of all but the contact rows; the ranks share the fronts. Collective.
+
+    What a front is made of is added in an order that does not depend on who has it. Of a body
+    without free rigid motions. `price` is what `compliance` takes on one rank, in products with F.
     """
 
     def __init__(self, operator: DualOperator):
@@ -60,18 +98,21 @@ class GluingElimination:
         self._numbers = self._of_subdomains(
             lambda s, c: np.append(structure.rows[s].row,
                                    self._dual + structure.corner_global[s]))
-        group, self._count = _groups(self._numbers, size, self._dual, rows)
-        self._place, self._start = _order(group, self._count, rows)
-        self._fronts, self._compliance = None, None
+        self._holder = np.repeat(np.arange(operator.comm.size),
+                                 operator.comm.allgather(len(structure.subdomains)))
+        self._tree = EliminationTree(self._numbers, size, self._dual, rows)
+        self._place = self._tree.place
+        self._owner, self._turn = self._tree.shared(self._holder, operator.comm.size)
+        self._factors, self._compliance = {}, None
         shared = self._of_subdomains(lambda s, c: SHARED if c.shared else 1.0)
         work = sum(len(of) ** 2 / factor for of, factor in zip(self._numbers, shared))
-        fronts = self._operations(group) / SPEED + EACH_FRONT * self._count
+        fronts = self._tree.operations / SPEED + EACH_FRONT * len(self._tree.fronts)
         self._product = WITH_PRECONDITIONER * work + EACH_PRODUCT
         self.price = fronts / self._product
 
     def compliance(self) -> np.ndarray:
         """C (c, c) as `contact_row_numbers` orders it; made once. Raises NotConverged."""
-        if self._fronts is None:
+        if self._compliance is None:
             self._eliminate()
         return self._compliance
 
@@ -85,21 +126,31 @@ class GluingElimination:
 
         Zero on contact rows. `compliance` has been asked for.
         """
-        right = np.zeros(len(self._place))
-        right[self._place[: self._dual]] = -residual
-        right[len(right) - self._last :] = 0.0
-        for front in self._fronts:
-            m = len(front.pivots)
-            part = solve_triangular(front.pivots, right[front.index[:m]], lower=True,
-                                    check_finite=False)
-            right[front.index[m:]] -= front.sign * (part @ front.rest)
-            right[front.index[:m]] = part
-        for front in reversed(self._fronts):
-            m = len(front.pivots)
-            part = front.sign * (right[front.index[:m]] - front.rest @ right[front.index[m:]])
-            right[front.index[:m]] = solve_triangular(front.pivots, part, lower=True, trans="T",
-                                                      check_finite=False)
-        return right[self._place[: self._dual]]
+        x, way = np.zeros(len(self._place)), Handover(self._operator.comm)
+        x[self._place[: self._dual]] = -residual
+        x[len(x) - self._last :] = 0.0
+        owner, parent = self._owner, self._tree.parent
+        for front, factors in self._factors.items():
+            values = np.append(x[factors.own], np.zeros(len(factors.index) - factors.count))
+            for child, place in factors.children.items():
+                values[place] += way.taken(child, owner[child], np.empty(len(place)))[0]
+            factors.condense(values)
+            x[factors.own] = values[: factors.count]
+            if len(values) > factors.count:
+                way.give(front, owner[parent[front]], values[factors.count :])
+        way.finish()
+        for front, factors in reversed(self._factors.items()):
+            values = np.append(x[factors.own], np.zeros(len(factors.index) - factors.count))
+            if len(values) > factors.count:
+                above, rest = owner[parent[front]], values[factors.count :]
+                rest[:] = way.taken(front, above, np.empty(len(rest)))[0]
+            factors.expand(values)
+            x[factors.own] = values[: factors.count]
+            for child, place in factors.children.items():
+                way.give(child, owner[child], values[place])
+        way.finish()
+        x[self._pivots] = gather(self._operator.comm, x[self._own_pivots])
+        return x[self._place[: self._dual]]
 
     def _of_subdomains(self, part) -> list:
         """`part` (subdomain, class) of every subdomain of all ranks, in their order."""
@@ -112,19 +163,6 @@ class GluingElimination:
             return local
         return [one for rank in operator.comm.allgather(local) for one in rank]
 
-    def _operations(self, group: np.ndarray) -> float:
-        """Multiplications that the fronts take, by the sizes of the groups (unknowns,)."""
-        size = np.bincount(group)
-        waiting, total = [[] for _ in size], 0.0
-        for number in self._numbers:
-            groups = set(group[number].tolist())
-            waiting[min(groups, default=-1)].append(groups)
-        for g, parts in enumerate(waiting[: self._count]):
-            groups = set().union(*parts) - {g}
-            total += size[g] * float(size[list(groups)].sum() + size[g]) ** 2 / 2
-            waiting[min(groups, default=-1)].append(groups)
-        return total
-
     def _matrix(self, s: int, c) -> np.ndarray:
         """The matrix of local subdomain s, of class c, in the order of its places."""
         rows, corner = self._operator.structure.rows[s], len(c.corner)
@@ -133,78 +171,78 @@ class GluingElimination:
         matrix = np.block([[c.F, -c.A], [-c.A_transposed, -c.S]]) * sign[:, None] * sign
         return matrix[np.ix_(order, order)]
 
+    def _matrices(self) -> list[list[tuple]]:
+        """By front of this rank index and matrix, or what makes it, of its subdomains, in order."""
+        operator, tree = self._operator, self._tree
+        comm, begin = operator.comm, operator.structure.first
+        # matrices are made when they are needed: never are all there at once
+        made = {begin + s: functools.partial(self._matrix, s, c)
+                for c in operator.classes for s in c.members}
+        to, size = self._owner[tree.first], np.array([len(of) for of in self._numbers], int)
+        if comm.size > 1:
+            own, there = self._holder == comm.rank, to == comm.rank
+            away, foreign = np.flatnonzero(own & ~there), np.flatnonzero(there & ~own)
+            away = away[np.argsort(to[away], kind="stable")]
+            sent, received = (np.bincount(ranks, size[of] ** 2, comm.size).astype(int) for ranks, of
+                              in ((to[away], away), (self._holder[foreign], foreign)))
+            entries = joined([made[s]().ravel() for s in away], float)
+            entries = exchanged(comm, entries, sent, received)
+            for s, part in zip(foreign, np.split(entries, np.cumsum(size[foreign] ** 2)[:-1])):
+                made[s] = part.reshape(size[s], size[s])
+        parts = [[] for _ in self._owner]
+        for s in np.flatnonzero((to == comm.rank) & (size > 0)):
+            parts[tree.first[s]].append((np.sort(self._place[self._numbers[s]]), made[s]))
+        return parts
+
     def _eliminate(self) -> None:
-        """The fronts one after the other, and C."""
-        waiting = [[] for _ in range(self._count + 1)]
+        """This rank's fronts one after the other, and C on every rank."""
+        tree, comm, error = self._tree, self._operator.comm, None
+        parts, way, C = self._matrices(), Handover(comm), np.empty([self._last] * 2)
+        for front in self._turn[self._owner[self._turn] == comm.rank].tolist():
+            left = {child: self._left(way, child) for child in tree.children[front]}
+            index, matrix = _assembled(parts[front] + list(left.values()))
+            parts[front] = None
+            if front == len(tree.fronts):  # the contact rows, each of which has a subdomain
+                C[:] = np.tril(matrix)
+                break
+            places = {child: np.searchsorted(index, rest) for child, (rest, _) in left.items()}
+            del left
+            count = tree.pivots[front].sum()
+            try:
+                matrix = self._eliminated_front(front, index, matrix, places)
+            except NotConverged as problem:  # what waits for this front must not wait for ever
+                error, matrix = problem, np.full([len(index) - count] * 2, np.nan)
+            way.give(front, self._owner[tree.parent[front]], index[count:], matrix)
+        way.finish()
+        agree(comm, error)
+        comm.Bcast(C, self._owner[-1])
+        self._own_pivots = joined([factors.own for factors in self._factors.values()], int)
+        self._pivots = gather(comm, self._own_pivots)
+        self._compliance = C + np.tril(C, -1).T
 
-        def add(index: np.ndarray, matrix) -> None:
-            group = np.searchsorted(self._start, index[0], "right") - 1
-            waiting[group].append((index, matrix))
+    def _left(self, way: Handover, child: int) -> tuple[np.ndarray, np.ndarray]:
+        """Index and matrix that the front `child` leaves."""
+        size = self._tree.fronts[child].size - self._tree.fronts[child].pivots
+        return way.taken(child, self._owner[child], np.empty(size, int), np.empty((size, size)))
 
-        # one rank makes them when they are needed: never are all there at once
-        alone = self._operator.comm.size == 1
-        matrices = self._of_subdomains(
-            lambda s, c: functools.partial(self._matrix, s, c) if alone else self._matrix(s, c))
-        for number, matrix in zip(self._numbers, matrices):
-            if len(number):
-                add(np.sort(self._place[number]), matrix)
-        del matrices
-        self._fronts, first = [], len(self._place) - self._last
-        positive = np.zeros(len(self._place), bool)
-        positive[self._place[: self._dual]] = True
-        for g in range(self._count):
-            index, matrix = _assembled(waiting[g])
-            m = self._start[g + 1] - self._start[g]
-            sign = 1.0 if positive[self._start[g]] else -1.0
-            pivots, rest, left = _eliminated(matrix, m, sign)
-            inner = np.searchsorted(index, first)
-            self._fronts.append(Front(sign, index[:inner], pivots, rest[:, : inner - m].copy()))
-            if len(index) > m:
-                add(index[m:], left)
-        C = np.tril(_assembled(waiting[-1])[1])  # all contact rows, as each has a subdomain
-        C += np.tril(C, -1).T
-        self._compliance = C
+    def _eliminated_front(self, front: int, index: np.ndarray, matrix: np.ndarray,
+                          places: dict[int, np.ndarray]) -> np.ndarray:
+        """What is left of the front's `matrix` (n, n); its factors are kept.
 
-
-def _groups(numbers: list[np.ndarray], size: int, dual: int,
-            rows: np.ndarray) -> tuple[np.ndarray, int]:
-    """(size,) group of every unknown by its turn, and the number of those to be eliminated.
-
-    Unknowns of a group belong to the same subdomains, and are gluing rows, corner dofs, numbers
-    from `dual` on, or the contact `rows`, whose groups come last.
-    """
-    part, meets = np.random.default_rng(1).random(len(numbers)), np.zeros(size)
-    for value, number in zip(part, numbers):
-        meets[number] += value  # equal sums of random numbers are those of equal sets
-    meets[dual:] += len(numbers) + 1.0
-    meets[rows] += 2 * len(numbers) + 2.0
-    inner = np.ones(size, bool)
-    inner[rows] = False
-    group = np.unique(meets, return_inverse=True)[1]
-    count = int(group[inner].max(initial=-1)) + 1
-    turn = np.arange(group.max(initial=-1) + 1)
-    if count:
-        pairs = [np.empty((0, 2), int)]
-        for number in numbers:
-            met = np.unique(group[number])
-            met = met[met < count]
-            low, high = np.tril_indices(len(met))
-            pairs.append(np.column_stack([met[low], met[high]]))
-        pairs = np.concatenate(pairs)
-        pattern = spmatrix(1.0, pairs[:, 0], pairs[:, 1], (count, count))
-        turn[np.array(amd.order(pattern)).ravel()] = np.arange(count)
-    return turn[group], count
-
-
-def _order(group: np.ndarray, count: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(size,) places of unknowns in the order of elimination, and the first of every group.
-
-    The contact `rows` come last, as they are ordered, and are one group here.
-    """
-    key, place = np.minimum(group, count), np.empty(len(group), int)
-    place[np.argsort(key, kind="stable")] = np.arange(len(group))
-    place[rows] = len(group) - len(rows) + np.arange(len(rows))
-    return place, np.append(0, np.cumsum(np.bincount(key, minlength=count + 1))[:-1])
+        `places` are those of what its children leave, in its `index` (n,). Raises NotConverged.
+        """
+        pivots = self._tree.pivots[front]
+        inner = np.searchsorted(index, len(self._place) - self._last)
+        places = {child: place[place < inner] for child, place in places.items()}
+        places = {child: place for child, place in places.items() if len(place)}
+        factors, done = Factors(index[:inner], pivots.sum(), places), 0
+        for m, sign in zip(pivots, (1.0, -1.0)):
+            if m:
+                factor, rest, matrix = _eliminated(matrix, m, sign)
+                done += m
+                factors.parts.append(Factor(sign, factor, rest[:, : inner - done].copy()))
+        self._factors[front] = factors
+        return matrix
 
 
 def _assembled(parts: list[tuple]) -> tuple[np.ndarray, np.ndarray]:
@@ -222,9 +260,24 @@ def _assembled(parts: list[tuple]) -> tuple[np.ndarray, np.ndarray]:
             total = matrix
             continue
         total = np.zeros((len(index),) * 2) if total is None else total
-        place = np.searchsorted(index, part)
-        total[np.ix_(place, place)] += matrix
+        _add(total, np.searchsorted(index, part), matrix)
     return index, np.empty((0, 0)) if total is None else total
+
+
+def _add(total: np.ndarray, place: np.ndarray, matrix: np.ndarray) -> None:
+    """Add the lower triangle of `matrix` (n, n) to rows and columns `place` (n,) of `total`.
+
+    Unknowns of a group lie beside one another, so that blocks are added, and few of them.
+    """
+    ends = np.flatnonzero(np.diff(place) > 1) + 1
+    if A_BLOCK * len(ends) ** 2 > matrix.size:
+        total[np.ix_(place, place)] += matrix
+        return
+    blocks = [(slice(i, j), slice(p, p + j - i)) for i, j, p in
+              zip([0, *ends], [*ends, len(place)], place[[0, *ends]])]
+    for k, (rows, to) in enumerate(blocks):
+        for columns, beside in blocks[: k + 1]:
+            total[to, beside] += matrix[rows, columns]
 
 
 def _eliminated(matrix: np.ndarray, m: int, sign: float) -> tuple[np.ndarray, ...]:
@@ -234,7 +287,7 @@ def _eliminated(matrix: np.ndarray, m: int, sign: float) -> tuple[np.ndarray, ..
     Of `matrix` (m + r, m + r) and of what is left the lower triangle counts. Raises NotConverged.
     """
     pivots, failed = lapack.dpotrf(sign * matrix[:m, :m], lower=1)
-    if failed:
+    if failed or not np.isfinite(pivots.diagonal()).all():
         raise NotConverged("the contact compliance: gluing conditions could not be eliminated")
     rest = solve_triangular(pivots, matrix[m:, :m].T, lower=True, check_finite=False)
     left = matrix[m:, m:].copy()

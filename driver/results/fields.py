@@ -10,7 +10,6 @@ quadratic elements means of the linear stresses at the node; where the material 
 its jump. Lines of the contact boundary are in contact.pvd, see contact_lines.py.
 """
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -27,20 +26,11 @@ from ..scene.loader import Subdomain
 from .contact_lines import ContactLines
 from .nodal_means import NodalMeans
 from .tables import FIELDS_FOLDER, STRESSES, contact_file, error_file, field_file, piece_file
+from .vtu import VtuMesh, attributes
 
 SAME_MATERIAL = 1e-9  # relative difference of moduli: means over triangles, which round
 PIECE = 100_000  # points of a piece, roughly
-_COMPONENTS = " ".join(f'ComponentName{k}="{name}"' for k, name in enumerate(STRESSES))
-
-
-@dataclass
-class TornMesh:
-    """A piece of the torn bodies: n points, n_t elements."""
-
-    xy: np.ndarray  # (n, 2)
-    elements: np.ndarray  # (n_t, 3 or 6)
-    # (n_t,) subdomain, body, region, shear_modulus where that differs
-    cell_data: dict[str, np.ndarray]
+COMPONENTS = {"stress": STRESSES}
 
 
 class Fields:
@@ -78,10 +68,10 @@ class Fields:
         if written:
             return
         subs = self.operator.structure.subdomains
-        stress = joined((stresses(sub, u, step.weights)
-                         for sub, u in zip(subs, displacements)), float, 4)
-        corners = joined((corner_stresses(sub, u, step.weights)
-                          for sub, u in zip(subs, displacements)), float, 3, 4)
+        means = [stresses(sub, u, step.weights) for sub, u in zip(subs, displacements)]
+        corners = joined((corner_stresses(sub, u, step.weights, mean)
+                          for sub, u, mean in zip(subs, displacements, means)), float, 3, 4)
+        stress = joined(means, float, 4)
         whole = [u.reshape(-1, 2) for u in self.operator.with_travel(displacements, step.weights)]
         shown = joined((u[_drawn(sub)] for sub, u in zip(subs, whole)), float, 2)
         self._write(field_file(step.index, self.pieces),
@@ -163,8 +153,11 @@ class Fields:
         """Values of all of the rank's pieces, piece by piece."""
         return np.split(values, self._ends[kind]) if len(self._mine) else []
 
-    def _meshes(self, nodes: int) -> list[TornMesh]:
-        """The meshes of the rank's pieces; collective."""
+    def _meshes(self, nodes: int) -> list[VtuMesh]:
+        """The meshes of the rank's pieces; collective.
+
+        With subdomain, body and region of the triangles, and shear_modulus where that differs.
+        """
         subs, comm = self.operator.structure.subdomains, self.operator.comm
         drawn = [_drawn(sub) for sub in subs]
         numbers = [(np.cumsum(shown) - 1)[sub.elements[:, :nodes]]
@@ -192,7 +185,9 @@ class Fields:
             new = np.diff(data["subdomain"][k], prepend=-1) != 0  # triangles that begin one
             first = np.cumsum(size[k][new]) - size[k][new]
             own = own + first[np.cumsum(new) - 1][:, None]
-            meshes.append(TornMesh(places, own, {name: of[k] for name, of in data.items()}))
+            own = own[:, elements.TO_VTK] if nodes == 6 else own
+            meshes.append(VtuMesh(_in_space(places), own,
+                                  {name: of[k] for name, of in data.items()}, COMPONENTS))
         return meshes
 
     def _write(self, name: str, points: dict, cells: dict) -> None:
@@ -209,36 +204,18 @@ class Fields:
             for k, (number, mesh) in enumerate(zip(self._mine, self.meshes)):
                 own = [{key: parts[k] for key, parts in data.items()} for data in (points, cells)]
                 path = name if self.pieces == 1 else piece_file(name, number)
-                _write_mesh(self.directory / path, mesh, *own)
+                mesh.write(self.directory / path, *own)
                 if number == 0 and self.pieces > 1:
                     _write_index(self.directory / name, self.pieces, own[0],
                                  {**own[1], **mesh.cell_data})
 
 
-def _write_mesh(path: Path, mesh: TornMesh, points: dict, cells: dict) -> None:
-    """A VTU file of a mesh with data of its points and cells, never there in part."""
-    import meshio
-
-    shape = ("triangle", mesh.elements)
-    if mesh.elements.shape[1] == 6:
-        shape = ("triangle6", mesh.elements[:, elements.TO_VTK])
-    cell_data = {key: [values] for key, values in {**cells, **mesh.cell_data}.items()}
-    with renamed(path) as hidden:
-        meshio.Mesh(_in_space(mesh.xy), [shape], point_data=points,
-                    cell_data=cell_data).write(hidden)
-        _name_components(hidden)
-
-
 def _write_index(path: Path, pieces: int, points: dict, cells: dict) -> None:
     """The PVTU file that names the `pieces` of a file `path`, with data such as these."""
-    kinds = {"f": "Float64", "i": "Int64"}
 
     def arrays(data: dict) -> str:
-        return "".join(
-            f'<PDataArray type="{kinds[values.dtype.kind]}" Name="{name}" '
-            + (_COMPONENTS + " " if name == "stress" else "")
-            + f'NumberOfComponents="{values.shape[1] if values.ndim == 2 else 1}"/>\n'
-            for name, values in data.items())
+        return "".join(f"<PDataArray {attributes(name, values, COMPONENTS.get(name, ()))}/>\n"
+                       for name, values in data.items())
 
     sources = "".join(f'<Piece Source="{Path(piece_file(path.name, k)).name}"/>\n'
                       for k in range(pieces))
@@ -262,12 +239,6 @@ def _drawn(sub: Subdomain) -> np.ndarray:
     drawn = np.ones(len(sub.xy), bool)
     drawn[sub.elements[:, 6:]] = False
     return drawn
-
-
-def _name_components(path: Path) -> None:
-    """Name the components of stresses in a VTU file, which meshio has no word for."""
-    text = path.read_bytes()
-    path.write_bytes(text.replace(b'Name="stress" ', f'Name="stress" {_COMPONENTS} '.encode()))
 
 
 def _collection(path: Path, steps: list[tuple[float, str]]) -> None:

@@ -8,9 +8,10 @@ from mpi4py import MPI
 from scipy.sparse import csr_matrix, triu
 
 from driver.errors import NotConverged
-from driver.feti import compliance, fronts
+from driver.feti import compliance, elimination_tree, fronts
 from driver.feti.compliance import ContactCompliance, FaceInverse, _Factor, _multiply
 from driver.feti.contact_block import ContactBlock
+from driver.feti.elimination_tree import EliminationTree
 from driver.feti.fronts import GluingElimination
 from driver.feti.structure import ContactTable, Substructure
 
@@ -29,7 +30,7 @@ ROWS, DUAL, SIZE = np.array([5, 2]), 7, 10
 
 def test_unknowns_of_a_front_belong_to_the_same_subdomains():
     """Gluing rows, corners and contact rows apart; those of contact after all others."""
-    group, count = fronts._groups(NUMBERS, SIZE, DUAL, ROWS)
+    group, count = elimination_tree.groups(NUMBERS, SIZE, DUAL, ROWS)
     sets = [frozenset(k for k, number in enumerate(NUMBERS) if i in number) for i in range(SIZE)]
     kinds = ["contact" if i in ROWS else "glue" if i < DUAL else "corner" for i in range(SIZE)]
     for i in range(SIZE):
@@ -38,18 +39,46 @@ def test_unknowns_of_a_front_belong_to_the_same_subdomains():
     assert count == len(set(group[np.setdiff1d(np.arange(SIZE), ROWS)].tolist())) == 5
     assert sorted(set(group.tolist())) == list(range(7)) and group[ROWS].min() == count
     # 0 of no rows: nothing to eliminate
-    assert fronts._groups([ROWS], SIZE, DUAL, np.arange(SIZE))[1] == 0
+    assert elimination_tree.groups([ROWS], SIZE, DUAL, np.arange(SIZE))[1] == 0
 
 
-def test_places_follow_the_groups_and_end_with_contact_in_its_order():
-    group, count = fronts._groups(NUMBERS, SIZE, DUAL, ROWS)
-    place, start = fronts._order(group, count, ROWS)
+@pytest.mark.parametrize("merged", [True, False])
+def test_places_follow_the_fronts_and_end_with_contact_in_its_order(monkeypatch, merged):
+    """Gluing rows of a front before its corners; children before parents, all they meet in these.
+    """
+    if not merged:
+        monkeypatch.setattr(elimination_tree, "_pays", lambda child, parent: False)
+    group, count = elimination_tree.groups(NUMBERS, SIZE, DUAL, ROWS)
+    tree = EliminationTree(NUMBERS, SIZE, DUAL, ROWS)
+    place, start = tree.place, tree.start
     assert sorted(place.tolist()) == list(range(SIZE)) and place[ROWS].tolist() == [8, 9]
-    for g in range(count):
-        own = np.sort(place[group == g])
-        stop = start[g + 1] if g + 1 < len(start) else SIZE - len(ROWS)
-        assert own.tolist() == list(range(start[g], stop))
-    assert len(start) == count + 1 and start[-1] == SIZE - len(ROWS)
+    # the smallest problems are one front; else there is one for every group
+    assert len(tree.fronts) == (1 if merged else count)
+    assert sorted(g for front in tree.fronts for g in front.groups) == list(range(count))
+    assert len(start) == len(tree.fronts) + 1 and start[-1] == SIZE - len(ROWS)
+    for k, (front, (glued, corners)) in enumerate(zip(tree.fronts, tree.pivots)):
+        own = np.flatnonzero(np.isin(group, front.groups))
+        assert np.sort(place[own]).tolist() == list(range(start[k], start[k + 1]))
+        assert np.count_nonzero(own < DUAL) == glued and len(own) == glued + corners
+        assert (place[own[own < DUAL]] < start[k] + glued).all()
+        met = np.isin(group, list(front.rest))
+        assert front.pivots == len(own) and front.size == len(own) + np.count_nonzero(met)
+        later = [parent for parent, other in enumerate(tree.fronts)
+                 if front.rest.intersection(other.groups)]
+        assert tree.parent[k] == min(later, default=len(tree.fronts)) > k
+        if later:
+            above = tree.fronts[tree.parent[k]]
+            assert front.rest <= above.rest.union(above.groups)
+    assert tree.first.tolist() == [min(int(np.searchsorted(start, place[number].min(), "right"))
+                                       - 1, len(tree.fronts)) for number in NUMBERS]
+
+
+def test_a_child_is_merged_where_its_rest_fills_the_front():
+    """Not where the front would grow by more than a copy of the rest, and a front, take."""
+    pays, front = elimination_tree._pays, elimination_tree.Front
+    assert pays(front([0], set(), 12, 1412), front([1], set(), 20, 1400))
+    assert not pays(front([0], set(), 300, 500), front([1], set(), 20, 1400))
+    assert pays(front([0], set(), 18, 90), front([1], set(), 18, 90))  # small ones always
 
 
 def test_parts_are_added_where_their_indices_are():
@@ -65,9 +94,25 @@ def test_parts_are_added_where_their_indices_are():
                  for k in order]
         index, total = fronts._assembled(parts)
         assert index.tolist() == [0, 1, 4, 6, 9] and not parts
-        np.testing.assert_allclose(total, expected[np.ix_(index, index)], rtol=1e-14)
+        np.testing.assert_allclose(np.tril(total), np.tril(expected[np.ix_(index, index)]),
+                                   rtol=1e-14)
     index, total = fronts._assembled([])
     assert not len(index) and total.shape == (0, 0)
+
+
+@pytest.mark.parametrize("place", [[0, 1, 2, 3], [2, 3, 4, 7], [0, 2, 5, 8], [5]])
+def test_blocks_are_added_like_single_entries(monkeypatch, place):
+    """Rows beside one another and apart: to the last bit, in the lower triangle."""
+    rng, sums = np.random.default_rng(6), []
+    start, matrix = rng.standard_normal((9, 9)), rng.standard_normal([len(place)] * 2)
+    for cost in (0, 1e9):
+        monkeypatch.setattr(fronts, "A_BLOCK", cost)
+        sums.append(start.copy())
+        fronts._add(sums[-1], np.array(place), matrix)
+    expected = start.copy()
+    expected[np.ix_(place, place)] += matrix
+    for total in sums:
+        assert np.array_equal(np.tril(total), np.tril(expected))
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -100,9 +145,11 @@ def test_the_price_is_of_fronts_over_that_of_a_product(built):
         elimination.compliance()
     finally:
         fronts._eliminated = one
-    operations = sum(m * size**2 / 2 for m, size in sizes)
+    made = elimination._tree.fronts
+    assert sum(m for m, _ in sizes) == sum(front.pivots for front in made)
+    operations = sum(front.pivots * front.size**2 / 2 for front in made)
     assert elimination.price == pytest.approx(
-        (operations / fronts.SPEED + fronts.EACH_FRONT * len(sizes)) / product, rel=1e-12)
+        (operations / fronts.SPEED + fronts.EACH_FRONT * len(made)) / product, rel=1e-12)
     assert elimination.products(1e8) == pytest.approx(1e8 / fronts.SPEED / product, rel=1e-12)
 
 

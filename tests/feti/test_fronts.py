@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from driver.errors import NotConverged
-from driver.feti import fronts
+from driver.feti import elimination_tree, fronts
 from driver.feti.fronts import GluingElimination
 from driver.feti.rows import RowKind, contact_row_numbers
 
@@ -39,10 +39,11 @@ def test_fronts_leave_the_schur_complement_on_the_contact_rows(built, scene, opt
     assert left <= 1e-11 * np.abs(residual).max()
 
 
-def test_the_order_of_fronts_follows_the_interfaces(built, monkeypatch):
+@pytest.mark.parametrize("merged", [True, False])
+def test_the_order_of_fronts_follows_the_interfaces(built, monkeypatch, merged):
     """No front is larger than what subdomains beside one another have: 2 rows a node of the
-    interfaces and of contact, and corners; a bad order would fill them with all there are. The
-    price counts these sizes.
+    interfaces and of contact, and corners; a bad order would fill them with all there are. Merged
+    ones are fewer, and their pivots the same. The price counts these sizes.
     """
     problem, sizes, one = built("model", subdomains="8x4", cells=4), [], fronts._eliminated
 
@@ -51,21 +52,23 @@ def test_the_order_of_fronts_follows_the_interfaces(built, monkeypatch):
         return one(matrix, m, sign)
 
     monkeypatch.setattr(fronts, "_eliminated", eliminated)
+    if not merged:
+        monkeypatch.setattr(elimination_tree, "_pays", lambda child, parent: False)
     elimination = GluingElimination(problem.operator)
     elimination.compliance()
     unknowns = problem.structure.dual_dofs + problem.structure.coarse_dofs
-    assert max(size for _, size in sizes) < 0.4 * unknowns
-    counted = elimination._operations(_groups_of(elimination, problem))
-    assert counted == pytest.approx(sum(m * size**2 / 2 for m, size in sizes), rel=1e-12)
+    contact = len(contact_row_numbers(problem.structure.contact))
+    assert max(size for _, size in sizes) < (0.7 if merged else 0.4) * unknowns
+    made = elimination._tree.fronts
+    assert len(made) < 10 if merged else len(made) == len(sizes) > 60
+    assert sum(m for m, _ in sizes) == sum(front.pivots for front in made) == unknowns - contact
+    if not merged:
+        assert [(front.pivots, front.size) for front in made] == sizes
+    assert elimination._tree.operations == pytest.approx(
+        sum(front.pivots * front.size**2 / 2 for front in made), rel=1e-12)
     # what is kept to solve with has no contact rows
-    kept = max(front.index.max() for front in elimination._fronts)
-    assert kept < unknowns - len(contact_row_numbers(problem.structure.contact))
-
-
-def _groups_of(elimination, problem) -> np.ndarray:
-    unknowns = problem.structure.dual_dofs + problem.structure.coarse_dofs
-    return fronts._groups(elimination._numbers, unknowns, problem.structure.dual_dofs,
-                          contact_row_numbers(problem.structure.contact))[0]
+    kept = max(factors.index.max() for factors in elimination._factors.values())
+    assert kept < unknowns - contact
 
 
 def test_price_is_higher_where_many_subdomains_share_a_matrix(built):

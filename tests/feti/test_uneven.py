@@ -4,6 +4,7 @@ The condition number of the preconditioned operator, computed densely, stays tha
 """
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from small_scenes import LEFT, TOP, Body, Scene, grown, rectangle
 from test_cuts import torn
 from test_deflation import condition, dense, spread
 
+from driver.feti.coarse import CoarseProblem
 from driver.feti.contact_block import ContactBlock, Galerkin
 from driver.feti.deflation import DeflatedPreconditioner, Deflation
 from driver.feti.rows import RowKind
@@ -190,3 +192,28 @@ def test_shear_ratio(angle):
     soft = isotropic - np.diag([0.0, 0, 0.99])
     ratios = _shear_ratio(np.array([T.T @ law @ T for law in (isotropic, soft)]))
     np.testing.assert_allclose(ratios, [1, 100], rtol=1e-12)
+
+
+@pytest.mark.parametrize("follows", [False, True])
+def test_the_coarse_problem_is_solved_once_a_contact_row_where_corners_are_more(monkeypatch,
+                                                                               follows):
+    """Once a corner dof, and not again, where the contact rows are renewed again and again."""
+    problem, counted = torn(scene(even(), 5, 0.4999)), []
+    one = CoarseProblem._on_springs
+    monkeypatch.setattr(CoarseProblem, "_on_springs",
+                        lambda self, forces: counted.append(1) or one(self, forces))
+    operator, structure = problem.operator, problem.operator.structure
+    preconditioner = operator.preconditioner()
+    if follows:
+        structure.numbering = SimpleNamespace(glued={})
+    corners = np.unique(np.concatenate([structure.corner_global[s] for s in structure.touching]))
+    block = ContactBlock(operator, preconditioner)
+    assert len(corners) > block.size
+    assert len(counted) == (len(corners) if follows else block.size)
+    again = ContactBlock(operator, preconditioner)
+    assert len(counted) == (len(corners) if follows else 2 * block.size)
+    np.testing.assert_array_equal(again.local, block.local)
+    # once known, the columns are taken: the same matrix, but for rounding
+    operator.coarse.inverse(corners)
+    known = ContactBlock(operator, preconditioner)
+    assert np.abs(known.local - block.local).max() <= 1e-12 * np.abs(block.local).max()

@@ -111,7 +111,7 @@ def test_constant_strain_gives_hookes_stress(built):
         stress = stresses(sub, u, np.ones(1))
         # gradients on cells of size 1/8 lose three digits
         np.testing.assert_allclose(stress, np.tile(expected, (len(stress), 1)), rtol=1e-12)
-        corners = corner_stresses(sub, u, np.ones(1))
+        corners = corner_stresses(sub, u, np.ones(1), stress)
         np.testing.assert_allclose(corners, np.tile(expected, (len(stress), 3, 1)), rtol=1e-12)
         np.testing.assert_allclose(von_mises(stress), np.sqrt(1.5 * (deviator**2).sum()),
                                    rtol=1e-12)
