@@ -20,6 +20,7 @@ from .slip_limits import SlipLimits
 
 UNDECIDED, OPEN, PRESSES, PULLS = range(4)
 STICKS, FORTH, BACK, RESTS = range(1, 5)  # of friction, 0: undecided; RESTS: see `States`
+INFEASIBLE = 2  # status of scipy's linear programs
 ENOUGH = 0.95  # part of the width of limits below which it is worth tightening them once more
 NOTHING = 1e-7  # of forces and displacements of order one: what linear programs leave of zero
 
@@ -67,6 +68,29 @@ class States:
         return csc_matrix(np.vstack([self.movement, *cones, *chords,
                                      np.hstack([self.balance, np.zeros((m, m))])]))
 
+    @cached_property
+    def _even(self) -> tuple[np.ndarray, np.ndarray, csc_matrix]:
+        """What rows and unknowns are multiplied by, and the rows then: entries of like size.
+
+        With friction of a thousand times the pressure beside rows of order one a program may end
+        without an answer.
+        """
+        rows, n = self._rows.toarray(), len(self.room)
+        over = np.ones(len(rows))
+        over[2 * n : len(rows) - len(self.load)] /= np.maximum(
+            np.abs(rows[2 * n : len(rows) - len(self.load)]).max(axis=1, initial=0.0), 1.0)
+        rows = over[:, None] * rows
+        largest = np.abs(rows).max(axis=0, initial=0.0)
+        own = 1.0 / np.where(largest > 0, largest, 1.0)
+        return over, own, csc_matrix(rows * own)
+
+    def _program(self, cost: np.ndarray, low, high, least, largest):
+        """Status, unknowns or None, and value of the linear program of least `cost`."""
+        over, own, rows = self._even
+        answer = milp(own * cost, bounds=Bounds(least / own, largest / own), options=PLAIN_PROGRAM,
+                      constraints=LinearConstraint(rows, over * low, over * high))
+        return answer.status, None if answer.x is None else own * answer.x, answer.fun
+
     @property
     def _chord(self) -> tuple[np.ndarray, np.ndarray]:
         """Slope and height (n,) of the chord that |f_n| is under within its reach."""
@@ -85,19 +109,15 @@ class States:
         step, nothing = self, np.zeros(len(self.room), int)
         while step.reach is not None:
             low, high = step.reach
-            *limits, least, most = step._limits(step._signs, nothing)
-            within = {"bounds": Bounds(least, most), "options": PLAIN_PROGRAM,
-                      "constraints": LinearConstraint(step._rows, *limits)}
-            ends = []
+            limits, ends = step._limits(step._signs, nothing), []
             for sign, known in ((1.0, low), (-1.0, high)):
                 for node, value in enumerate(known):
-                    cost = np.zeros(len(least))
+                    cost = np.zeros(len(limits[-1]))
                     cost[node] = sign
-                    answer = milp(cost, **within)
-                    if answer.status == 2:
+                    status, x, least = step._program(cost, *limits)
+                    if status == INFEASIBLE:
                         return None
-                    ends.append(value if answer.x is None else sign * max(
-                        answer.fun - NOTHING, sign * value))
+                    ends.append(value if x is None else sign * max(least - NOTHING, sign * value))
             reach = np.reshape(ends, (2, -1))
             idle = np.ptp(reach, axis=0).sum() > ENOUGH * np.ptp(step.reach, axis=0).sum()
             step = replace(step, reach=reach)
@@ -214,28 +234,25 @@ class States:
 
         Of all solutions that with the least pressures and openings of nodes not yet decided.
         """
-        low, high, least, largest = self._limits(normal, rub)
-        n, undecided = len(normal), normal == UNDECIDED
+        limits, n, undecided = self._limits(normal, rub), len(normal), normal == UNDECIDED
         aim = -np.asarray(self._rows[:n][undecided].sum(axis=0)).ravel()
         aim[:n][undecided & ~self.pulls] -= 1.0
         for cost in (aim, 0.0 * aim):  # which rounding may keep it from, or openings without end
-            answer = milp(cost, bounds=Bounds(least, largest), options=PLAIN_PROGRAM,
-                          constraints=LinearConstraint(self._rows, low, high))
-            if answer.status == 2:
+            status, x, _ = self._program(cost, *limits)
+            if status == INFEASIBLE:
                 return False, None
-            if answer.x is not None:
-                return True, answer.x
+            if x is not None:
+                return True, x
         return True, None
 
     def _slip_of(self, node: int, normal: np.ndarray, rub: np.ndarray) -> tuple[float, float]:
         """Least and largest slip of a node in some states."""
-        *rows, least, largest = self._limits(normal, rub)
+        limits = self._limits(normal, rub)
         cost, ends = self.movement[len(normal) + node], list(self.slips[:, node])
         for end, sign in enumerate((1.0, -1.0)):
-            answer = milp(sign * cost, bounds=Bounds(least, largest), options=PLAIN_PROGRAM,
-                          constraints=LinearConstraint(self._rows, *rows))
-            if answer.x is not None:
-                known = sign * (answer.fun - NOTHING) - self.start[node]
+            _, x, least = self._program(sign * cost, *limits)
+            if x is not None:
+                known = sign * (least - NOTHING) - self.start[node]
                 ends[end] = max(ends[end], known) if sign > 0 else min(ends[end], known)
         return ends[0], max(ends)
 
