@@ -235,8 +235,8 @@ def test_slip_is_that_of_the_edge_where_contact_once_was():
 
 @pytest.mark.parametrize("shift", [0.0, 0.3, 0.7])
 def test_nodes_tell_by_how_much_they_place_the_ends_of_contact_apart(shift):
-    """The first two open nodes place it elsewhere than the next two do, by half of what these err or
-    more, and by less on a finer mesh; where one node follows, or none touches, a part of the edge or nothing.
+    """The first two open nodes place them elsewhere than the next two do, by half of what these err
+    or more, and by less on a finer mesh; where one node follows, by a part of the edge.
     """
     doubts = []
     for h in (0.05, 0.025):
