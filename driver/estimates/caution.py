@@ -26,8 +26,9 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
 - for the work of friction where the largest slip may be nothing but its own error: neither is sure.
 
 Nor is less claimed than nodes leave open (results/touch.py), nor more of the contact length than
-could touch or open within the errors of displacements and pressures. Found on 2,000 claims of
-shipped scenes, other scenes and random combinations of effects, of which 97 of 100 hold.
+could touch or open within the errors of displacements and pressures, nor than a mean of what meshes
+say and of the doubt that the nodes next to the ends of contact leave of them. Found on 2,000 claims
+of shipped scenes, other scenes and random combinations of effects, of which 97 of 100 hold.
 """
 
 from dataclasses import dataclass, field
@@ -46,6 +47,9 @@ SHEAR_FORCE, WORK = "tangential_resultant", "dissipated_energy"
 # integrals, which adjoint problems hold where there are any; others hang on places between nodes
 HELD = ("normal_resultant", SHEAR_FORCE, "displacement")
 SHARP = (*HELD, WORK, "slip")  # approached no faster than sharp ends leave
+# of the geometric mean of what meshes and nodes say of the contact length: 87 of 88 claims of
+# shipped scenes and of bodies with awkward meshes hold, down to 1.5
+ENDS = 1.75
 LIGHT = 0.25  # of the relative error in energy, and of the mean pressure
 SHEAR = 0.25  # of the square of the relative error in energy times the pressing force
 BALANCE = 1e-5  # of the pressing force: what tolerances leave of forces that loads give
@@ -101,6 +105,7 @@ class Caution:
             return dict.fromkeys(parts, unknown) | {"displacement": parts["displacement"]}
         if LENGTH in values:
             parts[LENGTH] = self._ended(parts[LENGTH], parts["displacement"].error)
+            parts[LENGTH] = self._between(parts[LENGTH])
             parts[LENGTH] = located(parts[LENGTH], self.touch.lighter(LIGHT * self.energy))
         if SHEAR_FORCE in values:
             changes = [abs(fine[SHEAR_FORCE] - coarse[SHEAR_FORCE]) for fine, coarse in runs]
@@ -125,6 +130,22 @@ class Caution:
             return part
         most = self.touch.uncertain(way, self.energy)
         return Part(min(part.error, most), part.order, part.note, part.rate)
+
+    def _between(self, part: Part) -> Part:
+        """Part of the contact length, between what meshes say and what nodes do.
+
+        Meshes differ by where their nodes lie, more than they err; the nodes of one mesh do not see
+        what the whole mesh errs by. Both are off by a factor, and so is their geometric mean, but
+        by less. At least half of what meshes say stays: a claim that they made rightly is still
+        half of the error where contact elsewhere is not what its ends know.
+        """
+        doubt = self.touch.doubt
+        if part.error is None or doubt <= 0:
+            return part
+        mean = ENDS * float(np.sqrt(part.error * doubt))
+        error = min(part.error, max(part.error / 2, mean))
+        least = (self.touch.open or {}).get(LENGTH, 0.0)
+        return located(Part(error, part.order, part.note, part.rate), least)
 
     def _shear(self, values: dict, changes: list[float], parts: dict) -> Part:
         """Part of the shear force, with what is open of it whatever coarser meshes say."""

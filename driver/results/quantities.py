@@ -29,6 +29,8 @@ END = 2  # nodes that count as the end of a boundary
 # of a chord: what the boundary between contact nodes is longer, where one in between has none; on
 # smooth boundaries L^2/24 R^2 of it, in corners more
 BEND = 1e-2
+NEXT = 3  # open nodes that locate an end of contact, the first of them once and once not
+EDGE = 0.3  # of an edge in which contact ends: what is open of the place
 NEARLY = 0.5  # part of the largest pressure that may exceed it on a finer mesh
 REPEATS = "repeats"  # column of steps: how often each is gone through, if not once
 NOTHING = 1e-5  # part of the largest resultant of the history that tolerances leave
@@ -216,8 +218,7 @@ def edges_of_contact(nodes: dict, piece: np.ndarray, steps: dict,
                      index: int) -> list[tuple[int, int, float]]:
     """Closed node, open node (places in `piece`), length in contact of edges between such."""
     x, closed = nodes["arc"][piece], steps["status"][index][piece] != OPEN
-    gap = steps["gap"][index] if "gap" in steps else nodes["gap"]  # of the step: obstacles move
-    opening = np.maximum(gap - steps["u_n"][index], 0.0)[piece]
+    opening = _opening(nodes, steps, index)[piece]
     pressure = np.maximum(-steps["sigma_n"][index], 0.0)[piece]
     edges = []
     for i in np.flatnonzero(closed[1:] != closed[:-1]):
@@ -229,6 +230,33 @@ def edges_of_contact(nodes: dict, piece: np.ndarray, steps: dict,
             part = _part(-x[k::-1], opening[k::-1], pressure[k:], -x[k:], closed[k::-1])
             edges.append((k, i, part))
     return edges
+
+
+def _opening(nodes: dict, steps: dict, index: int) -> np.ndarray:
+    """(n,) distances of the nodes from what they may touch, zero where they do."""
+    gap = steps["gap"][index] if "gap" in steps else nodes["gap"]  # of the step: obstacles move
+    return np.maximum(gap - steps["u_n"][index], 0.0)
+
+
+def doubt_of_ends(nodes: dict, piece: np.ndarray, steps: dict, index: int) -> float:
+    """By how much the ends of contact on a piece would lie elsewhere, located by other nodes.
+
+    Next to the end the opening is not yet like r^(3/2): the line through the first two open nodes
+    meets zero elsewhere than that through the next two, which locates the end. Where there are not
+    so many the end is somewhere in a part of the edge.
+    """
+    x, closed = nodes["arc"][piece], steps["status"][index][piece] != OPEN
+    power = _opening(nodes, steps, index)[piece] ** (2 / 3)
+    total = 0.0
+    for inner, outer, part in edges_of_contact(nodes, piece, steps, index):
+        way = slice(inner, None) if outer > inner else slice(inner, None, -1)
+        arc, apart, touching = np.abs(x[way] - x[inner]), power[way], closed[way]
+        other = None
+        if len(arc) > NEXT and not touching[1 : NEXT + 1].any():
+            other = _zero(arc[1], arc[2], apart[1], apart[2])
+        side = arc[1]
+        total += EDGE * side if other is None else abs(np.clip(other, -side, 2 * side) - part)
+    return float(total)
 
 
 def moves(steps: dict) -> np.ndarray:

@@ -5,10 +5,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..contact.states import OPEN, SLIP
-from .quantities import beyond_ends, chains, farthest_node, is_ring, moves
+from .quantities import (EDGE, beyond_ends, chains, doubt_of_ends, farthest_node, is_ring, moves)
 
 FEW = 6  # nodes in contact, among which the next may differ by all of a quantity's error
-EDGE = 0.3  # of an edge in which contact ends: what is open of the place
 FALLS = 0.6  # pressure at an end of the boundary over the next: below it contact may end before
 AREA = 3  # nodes that press side by side and tell where the force of an area of contact acts
 ONE_WAY = 0.9  # of all friction, if it has one direction
@@ -32,6 +31,7 @@ class Touch:
     # (m, 2) opening of the nodes that do not touch, and length of their boundary
     beside: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     edges: float = 0.0  # length of the element sides in which contact ends
+    doubt: float = 0.0  # by how much other nodes would locate its ends elsewhere
 
     @classmethod
     def of(cls, nodes: dict, steps: dict, index: int, pressing_round: int,
@@ -56,7 +56,9 @@ class Touch:
                    pressure[closed], length,
                    np.column_stack([nodes["xy"][ends], pressure[ends] / (mean or 1.0)]),
                    float(apart), np.column_stack([opening, whole])[~closed],
-                   sum(_sides(nodes, piece, closed[piece]) for piece in chains(nodes)))
+                   sum(_sides(nodes, piece, closed[piece]) for piece in chains(nodes)),
+                   sum(doubt_of_ends(nodes, piece, steps, index) for piece in chains(nodes)
+                       if len(piece) > 1))
 
     def lighter(self, part: float) -> float:
         """Length of contact whose pressure is below a part of the mean one."""

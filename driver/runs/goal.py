@@ -11,7 +11,8 @@ tolerances  RTOL, FRICTION_RTOL start far above what single runs use and are tig
             so that nothing is solved beyond the discretization error; with many steps, whose
             errors add up, they are smaller in proportion
 
-Both are checked again on the last mesh but one.
+Both are checked again on the last mesh but one, tolerances tightened if what they leave, scaled to
+the last mesh, does not fit beside the other parts.
 
 Then meshes follow, each sized by the observed order so that its estimate uses up ROOM of what is
 left, until all parts together are within the request. At least three meshes are compared, as two
@@ -32,7 +33,9 @@ from ..errors import DriverError, InputError, NoSolution, NotConverged
 from ..estimates.budget import (FORMAL, SINGULAR, SOURCES, Part, extrapolate, finer, formal_order,
                                 main_quantity, mesh_knob, name_of, ratio, share, summed, vanishing)
 from ..estimates.caution import FAST
+from ..estimates.companions import LEFT
 from ..estimates.successive import mesh_parts
+from .tolerances import TIGHTER, TOLERANCES, left, much_tighter, scaled, tightened
 
 COARSENING = (8, 4, 2, 1)  # of the scene's own mesh, for the first one that can be had
 SAMPLING = 32  # times of the load history per step of the scene
@@ -45,9 +48,6 @@ SMALL = 1_500  # nodes up to which a run costs no more than the start of program
 SMOOTH = ("normal_resultant", "tangential_resultant", "displacement", "peak_pressure")
 QUADRATIC = {"element": "P2"}
 RETRIES = (1.0, 0.1, 0.01)  # factors of the tolerances of a run that failed
-TIGHTER = 0.01  # part of the tolerances of runs that they are compared with ...
-APART = 0.15  # ... and what it may have become by tightening them
-TOLERANCES = ("rtol", "friction_rtol", "primal_rtol")
 
 
 class Search:
@@ -58,7 +58,7 @@ class Search:
         self.levels, self.asked, self.say = levels, asked, say
         self.settings = dataclasses.replace(settings, rtol=0.01 * asked, friction_rtol=0.1 * asked,
                                             primal_rtol=0.03 * asked)
-        self.reference = _tightened(self.settings, TIGHTER)
+        self.reference = tightened(self.settings, TIGHTER)
         self.element = {}  # that of the meshes, where it is not the scene's
         smooth = not quantity or quantity in SMOOTH  # as the main quantities are
         self._begin(smooth and "element" not in levels.parameters)
@@ -111,14 +111,14 @@ class Search:
         settings = self.scaled(settings or self.settings, stride)
         for factor in RETRIES:  # loose tolerances can miss the balance of a body that slides
             try:
-                return self.levels.run(_tightened(settings, factor), stride, **self.mesh(size))
+                return self.levels.run(tightened(settings, factor), stride, **self.mesh(size))
             except DriverError as failure:
                 error = failure
         raise error
 
     def scaled(self, settings, stride: int):
         """Tolerances of a run with many steps: what each step leaves adds up in slip and energy."""
-        return _tightened(settings, min(1.0, 5 / (self.total // stride)))
+        return tightened(settings, min(1.0, 5 / (self.total // stride)))
 
     def _values(self, size, stride=None, settings=None) -> dict:
         return self._level(size, stride, settings).values
@@ -203,35 +203,39 @@ class Search:
         return self.name.replace("_", " ")
 
     def _tightest(self):
-        """Settings whose tolerances leave nothing beside what the chosen ones leave.
-
-        Those of before, which runs have been made with, as long as they are much tighter.
-        """
-        if any(getattr(self.reference, name) > APART * getattr(self.settings, name)
-               for name in TOLERANCES):
-            self.reference = _tightened(self.settings, TIGHTER)
+        """Settings much tighter than the chosen ones; those of before, as long as they are."""
+        if not much_tighter(self.reference, self.settings):
+            self.reference = tightened(self.settings, TIGHTER)
         return self.reference
+
+    def _left(self, size) -> tuple[dict, dict]:
+        """Parts of the error that tolerances leave on a mesh, and quantities there."""
+        stride = max(self.stride, min(self.total, SAMPLING * FEWEST))
+        return left(lambda settings: self._values(size, stride, settings), self.settings,
+                    self._tightest(), self.effects.pressure_bounds_friction)
+
+    def _negligible(self, allowed: float) -> bool:
+        """Whether what tolerances leave fits into what is `allowed`, beside the other parts.
+
+        The mesh before tells; on the last one it is more by the ratio of element sizes, see LEFT.
+        """
+        scale = LEFT * ratio(self.knob, *self.sizes[-2:])
+        self.parts |= scaled(self._left(self.sizes[-2])[0], scale)
+        return self.budget()[self.name]["total"] <= allowed
 
     def _tighten(self, size) -> bool:
         """Tolerances of a part of the error small enough on a mesh; whether they were changed."""
-        stride, before = max(self.stride, min(self.total, SAMPLING * FEWEST)), self.settings
-        coulomb = self.effects.pressure_bounds_friction
+        before = self.settings
         while True:
-            tightest = self._tightest()
-            tight = dataclasses.replace(tightest, friction_rtol=self.settings.friction_rtol)
-            plain, exact = (self._values(size, stride, s) for s in (self.settings, tight))
-            final = self._values(size, stride, tightest) if coulomb else exact
-            self.parts["solver"] = {q: Part(abs(plain[q] - exact[q])) for q in plain}
-            if coulomb:
-                self.parts["friction"] = {q: Part(abs(exact[q] - final[q])) for q in plain}
-            allowed, name = ALGEBRAIC * self.asked * abs(plain[self.name]), self.name
-            if plain[name] == 0:
+            parts, values = self._left(size)
+            self.parts |= parts
+            if values[self.name] == 0:
                 return False
-            changes = {}
-            if self.parts["solver"][name].error > allowed:
+            allowed, changes = ALGEBRAIC * self.asked * abs(values[self.name]), {}
+            if parts["solver"][self.name].error > allowed:
                 changes |= {"rtol": 0.1 * self.settings.rtol,
                             "primal_rtol": 0.1 * self.settings.primal_rtol}
-            if coulomb and self.parts["friction"][name].error > allowed:
+            if "friction" in parts and parts["friction"][self.name].error > allowed:
                 changes["friction_rtol"] = 0.1 * self.settings.friction_rtol
             if not changes or self.settings.rtol < 1e-11 or self.settings.friction_rtol < 1e-11:
                 return self.settings != before
@@ -330,7 +334,7 @@ class Search:
             self._refuse_zero()
             allowed = self.asked * abs(entry["value"])
             met = len(self.sizes) > 2 and entry["total"] is not None and entry["total"] <= allowed
-            if met and not self._tighten(self.sizes[-2]):
+            if met and (self._negligible(allowed) or not self._tighten(self.sizes[-2])):
                 self._renew_time(self.sizes[-2])
                 entry = self.budget()[self.name]
                 met = entry["total"] <= allowed
@@ -390,11 +394,5 @@ class Search:
         if self.effects.quasistatic:
             chosen["STEPS"] = str(self.steps)
         settings = self.scaled(self.settings, self.stride)
-        names = [name for name in TOLERANCES if self.effects.frictional or name != "friction_rtol"]
-        return chosen | {name.upper(): f"{getattr(settings, name):.1g}" for name in names}
-
-
-def _tightened(settings, factor: float):
-    """Settings with all tolerances multiplied by a factor."""
-    return dataclasses.replace(settings, **{name: max(1e-10, factor * getattr(settings, name))
-                                            for name in TOLERANCES})
+        return chosen | {name.upper(): f"{getattr(settings, name):.1g}" for name in TOLERANCES
+                         if self.effects.frictional or name != "friction_rtol"}

@@ -273,6 +273,20 @@ def coverage() -> str:
             f"{half or 'none'} below half of it; the median of claim over truth is {median:.1f}.*")
 
 
+def prices() -> str:
+    """What the table of predicted and taken seconds comes to; it is measured on an idle machine."""
+    rows = read_rows(REFERENCE / "prices.csv")
+    within, met = ([row[name] for row in rows] for name in ("within", "met"))
+    off = [float(row["seconds"]) / float(row["seconds_predicted"]) for row in rows
+           if row["within"] == "no"]
+    others = ", ".join(f"{ratio:.1f}" for ratio in sorted(off))
+    return (f"*{len(rows)} lines of {len({row['scene'] for row in rows})} scenes, on an idle "
+            f"machine: seconds of {within.count('yes')} within a factor of two of what was "
+            f"predicted (the others took {others} times as many), {met.count('yes')} of "
+            f"{met.count('yes') + met.count('no')} accuracies met; of {met.count('')} more the "
+            "references are too coarse to tell. `reference/prices.csv` has them all.*")
+
+
 def slides() -> str:
     """Products of the slides' table, theirs and ours."""
     with open(REFERENCE / "table.csv", newline="") as file:
@@ -319,6 +333,6 @@ def _imported(folder: Path) -> list[str]:
 
 
 BLOCKS = {block.__name__: block for block in (
-    calls, macros, effects, estimates, gallery, columns, entries, measured, coverage, slides,
-    commands, options.reference, house)}
+    calls, macros, effects, estimates, gallery, columns, entries, measured, coverage, prices,
+    slides, commands, options.reference, house)}
 BLOCKS["options"] = BLOCKS.pop("reference")

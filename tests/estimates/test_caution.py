@@ -249,6 +249,23 @@ def test_no_more_is_claimed_of_contact_than_could_touch_or_open():
     assert of(values, touch=touch)["contact_length"].error > 10
 
 
+@pytest.mark.parametrize("doubt, part", [
+    (0.0, 1.0), (4.0, 1.0), (0.2, caution.ENDS * 0.2**0.5), (1e-4, 0.5)])
+def test_contact_length_is_claimed_between_what_meshes_and_nodes_say(doubt, part):
+    """By the geometric mean of both, no more than meshes say and no less than half of it; without
+    ends of contact by meshes alone.
+    """
+    values = {"contact_length": power(2.0), "displacement": power(2.0)}
+    meshes = of(values)["contact_length"].error
+    found = of(values, touch=Touch(nodes=9, open={}, doubt=doubt * meshes))["contact_length"]
+    assert found.error == pytest.approx(part * meshes)
+    # nor below what nodes leave open
+    least = {"contact_length": 0.9 * meshes}
+    touch = Touch(nodes=9, open=least, doubt=doubt * meshes)
+    found = of(values, touch=touch)["contact_length"].error
+    assert found == pytest.approx(max(0.9, part) * meshes)
+
+
 def test_resultants_that_loads_give_are_known_by_their_mesh():
     """They hardly change from mesh to mesh, beside the pressing force."""
     values = {"normal_resultant": 50.0, "tangential_resultant": 1e-3}

@@ -233,6 +233,31 @@ def test_slip_is_that_of_the_edge_where_contact_once_was():
     assert ways == pytest.approx(3 * [1 + 4.4 / 4], rel=1e-12)
 
 
+@pytest.mark.parametrize("shift", [0.0, 0.3, 0.7])
+def test_nodes_tell_by_how_much_they_place_the_ends_of_contact_apart(shift):
+    """The first two open nodes place them elsewhere than the next two do, by half of what these err
+    or more, and by less on a finer mesh; where one node follows, by a part of the edge.
+    """
+    doubts = []
+    for h in (0.05, 0.025):
+        nodes, steps = hertzian(h, shift)
+        piece = np.arange(len(nodes["arc"]))
+        doubts.append(q.doubt_of_ends(nodes, piece, steps, 0))
+        found = q.contact_length(nodes, [piece], steps, 0)
+        assert abs(found - 2 * A) / 2 < doubts[-1] < 0.2 * h
+        assert touch.Touch.of(nodes, steps, 0, 0).doubt == doubts[-1]
+        # the other way round, too
+        turned = {name: column[:, ::-1] for name, column in steps.items()}
+        mirror = nodes | {"arc": nodes["arc"][-1] - nodes["arc"][::-1]}
+        assert q.doubt_of_ends(mirror, piece, turned, 0) == pytest.approx(doubts[-1])
+    assert doubts[1] < 0.7 * doubts[0]
+    x, closed = np.arange(4.0), np.array([True, True, True, False])
+    nodes, steps = line(x, closed, 1.0 * closed, 0.1 * ~closed)
+    assert q.doubt_of_ends(nodes, np.arange(4), steps, 0) == q.EDGE
+    nodes, steps = line(x, x < 0, 0 * x, 1 + x)
+    assert q.doubt_of_ends(nodes, np.arange(4), steps, 0) == 0.0
+
+
 @pytest.mark.parametrize("shift", np.linspace(0, 0.9, 7))
 def test_contact_length_and_peak_lie_between_nodes(shift):
     """On exact nodal values: the opening's 2/3 power bends by r/a, so the edge errs by 3 h (h/a)/10

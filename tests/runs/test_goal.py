@@ -18,6 +18,7 @@ from driver.estimates.levels import Levels
 from driver.options import Settings
 from driver.runs import goal
 from driver.runs.run import Run, execute
+from driver.runs.tolerances import tightened
 
 # Lame's pressure, pressfit.edp
 RING = 210e3 / 1.3 * 0.05 / (0.4 * 20 / 35**2 + 1 / 20) * (1 / 20**2 - 1 / 35**2)
@@ -207,10 +208,46 @@ def test_tolerances_are_measured_against_runs_that_are_there():
     """As long as these are much tighter."""
     search = object.__new__(goal.Search)
     search.settings = Settings(rtol=1e-4, friction_rtol=1e-3, primal_rtol=3e-4)
-    search.reference = goal._tightened(search.settings, 0.01)
+    search.reference = tightened(search.settings, 0.01)
     for rtol, rtol_then in ((1e-4, 1e-6), (1e-5, 1e-6), (1e-6, 1e-8)):
         search.settings = dataclasses.replace(search.settings, rtol=rtol)
         assert search._tightest().rtol == pytest.approx(rtol_then)
+
+
+@pytest.mark.parametrize("left, fits", [(1e-3, True), (4e-3, False)])
+def test_tolerances_that_fit_beside_the_other_parts_are_not_tightened(left, fits):
+    """Both leave more than ALGEBRAIC of 1 %. What the coarser mesh leaves counts LEFT times the
+    ratio of element sizes: 0.4 % fits beside 0.2 % of the mesh, 1.6 % does not.
+    """
+    search = object.__new__(goal.Search)
+    search.asked, search.name, search.knob, search.sizes = 0.01, "displacement", "h", [2.0, 1.0]
+    search.settings = Settings(rtol=1e-4, friction_rtol=1e-3, primal_rtol=3e-4)
+    search.reference = tightened(search.settings, 0.01)
+    search.effects = SimpleNamespace(pressure_bounds_friction=False)
+    search.stride = search.total = 1
+    search.parts = {"mesh": {"displacement": goal.Part(0.002)}}
+    search._values = lambda size, stride=1, settings=search.settings: {
+        "displacement": 1.0 + (left if settings.rtol > 5e-5 else 0.0)}
+    assert search._negligible(0.01) is fits
+    assert search.parts["solver"]["displacement"].error == pytest.approx(4 * left)
+    assert search._tighten(2.0) and search.settings.rtol == pytest.approx(1e-5)
+
+
+def test_a_finest_mesh_that_meets_the_request_is_solved_once(monkeypatch, tmp_path):
+    """Of `stack` tolerances leave a little more than ALGEBRAIC there, in all far below 3 %."""
+    nodes, march = [], Levels._run  # pylint: disable=protected-access
+
+    def marched(self, problem, *rest):
+        nodes.append(problem.manifest.nodes)
+        return march(self, problem, *rest)
+
+    monkeypatch.setattr(Levels, "_run", marched)
+    summary = execute(Run.from_pairs(
+        {"scene": "stack", "accuracy": "3%,displacement", "errors": "no", "figures": "no",
+         "fields": "no", "quiet": "yes", "out": str(tmp_path / "out")}))
+    assert nodes.count(max(nodes)) == 1 and summary["accuracy"]["reached"] <= 0.03
+    entry = summary["errors"]["quantities"]["displacement"]
+    assert entry["solver"] > goal.ALGEBRAIC * 0.03 * entry["value"]
 
 
 @pytest.mark.parametrize("fails, element, sizes", [

@@ -46,6 +46,14 @@ def test_the_document_counts_every_run_of_the_table():
     assert f"{len(runs)} runs of " in docs.coverage()
 
 
+def test_the_document_counts_the_prices_of_the_table():
+    """It had gone on telling of 70 lines when the table had 73."""
+    rows = read(REFERENCE.with_name("prices.csv"))
+    said, within = docs.prices(), sum(row["within"] == "yes" for row in rows)
+    assert f"{len(rows)} lines of " in said and f"seconds of {within} within" in said
+    assert said in (ROOT / "results" / "README.md").read_text()
+
+
 @pytest.mark.parametrize("name, figure", [("coverage", coverage_figure), ("prices", prices_figure)])
 def test_pictures_of_the_reference_are_those_of_its_tables(tmp_path, name, figure):
     shutil.copy(REFERENCE.with_name(f"{name}.csv"), tmp_path)
