@@ -119,7 +119,8 @@ class Shortcut:
             if number == PASSES:
                 return None
             problem = self.condensation.problem(load, x, gradient)
-            z = complementarity.approached(problem, problem.whole(self.condensation.gather(x)))
+            start = problem.whole(self.condensation.gather(x))
+            z = complementarity.only_solution(problem, start)
             if z is None:
                 return None
             x = self.condensation.place(z, x)

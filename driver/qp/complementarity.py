@@ -26,16 +26,18 @@ FEW = 4  # contact nodes up to which all 4^n states are tried
 SPRINGS = 6  # softnesses of the springs that hold bodies without support for it
 
 
-def newton(problem: CoulombProblem, start: np.ndarray,
-           most: int = NEWTON_STEPS) -> np.ndarray | None:
+def newton(problem: CoulombProblem, start: np.ndarray, most: int = NEWTON_STEPS,
+           narrowing: bool = False) -> np.ndarray | None:
     """Semismooth Newton steps (P. Alart, A. Curnier, CMAME 92 (1991) 353-375) from `start` z, at
     `most` so many.
 
     Each solves the linear system of the states that the last iterate falls into, the start's own
     too where it is a solution but for rounding: the caller may have asked for more. None where
-    states come again without having settled, or a system is singular: convergence is local.
+    states come again without having settled, or a system is singular: convergence is local. With
+    `narrowing` also where more nodes change their states than in the step before, and not a few.
     """
     visited, seen, x = [], set(), start
+    before, fewest = None, problem.n
     for _ in range(most):
         visited.append(x)
         states, sign = problem.states(x), problem.signs(x)
@@ -43,6 +45,12 @@ def newton(problem: CoulombProblem, start: np.ndarray,
         if key in seen:
             break
         seen.add(key)
+        if narrowing and before is not None:
+            changes = np.count_nonzero(states != before)
+            if changes > max(A_FEW, fewest):
+                break
+            fewest = changes
+        before = states
         x = problem.solution_in(states, sign)
         if x is None:
             break
@@ -69,15 +77,53 @@ def approached(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
 
 def _approached(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
     """As `approached`, with one augmentation; None also if an approximation is not found."""
-    z, given = start, np.zeros(problem.m)
+    z = start
     for _ in range(APPROXIMATIONS):
         solution = newton(problem, z)
         if solution is not None or not problem.coefficient.any():
             return solution
-        z = newton(problem.under(problem.load, given, offset=problem.bounds(z)), z)
+        z = _approximation(problem, z)
         if z is None:
             break
     return None
+
+
+def _approximation(problem: CoulombProblem, z: np.ndarray) -> np.ndarray | None:
+    """Solution with the friction bounds of z as given ones, by Newton's method from z."""
+    given = problem.under(problem.load, np.zeros(problem.m), offset=problem.bounds(z))
+    return newton(given, z)
+
+
+def only_solution(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
+    """As `approached`, where a problem has one solution: by the ways that take least, in turn.
+
+    Of several solutions they could end in another one. Loads of the step before leave a start in
+    whose movements all nodes slide or turn: of it and the solution in the states of its forces the
+    one nearer to the law is taken. As long as ever fewer nodes change their states Newton's method
+    goes on; else approximations come first, as they have no pressures that friction depends on.
+    """
+    if not problem.coefficient.any():
+        return approached(problem, start)
+    start = _nearer(problem, start)
+    z = newton(problem, start, narrowing=True)
+    if z is not None:
+        return z
+    for part in PARTS:
+        softer = problem.softer(part)
+        z = _approximation(softer, start)
+        z = z if z is None else _approached(softer, z)
+        if z is not None:
+            return z
+    return approached(problem, start)
+
+
+def _nearer(problem: CoulombProblem, start: np.ndarray) -> np.ndarray:
+    """`start` z, or the solution in the states that its forces alone say, if nearer to the law."""
+    along, bound = start[problem.n : problem.rows], problem.bounds(start)
+    slides = np.abs(along) >= (1 - ROUNDING) * bound
+    states = problem.states_of(start, np.where(slides, np.sign(along), 0.0))
+    z = problem.solution_in(states, problem.signs(start))
+    return start if z is None or problem.violation(z) >= problem.violation(start) else z
 
 
 def settled(problem: CoulombProblem, start: np.ndarray, move: np.ndarray,
