@@ -12,7 +12,7 @@ from counts and from what a checkpoint keeps: neither ranks nor an interruption 
 import numpy as np
 
 from ..errors import NotConverged
-from ..qp import complementarity
+from ..qp import one_solution
 from ..qp.mprgp import projected_gradient
 from . import globalization
 from .condensation import Condensation
@@ -120,7 +120,7 @@ class Shortcut:
                 return None
             problem = self.condensation.problem(load, x, gradient)
             start = problem.whole(self.condensation.gather(x))
-            z = complementarity.only_solution(problem, start)
+            z = one_solution.only_solution(problem, start)
             if z is None:
                 return None
             x = self.condensation.place(z, x)

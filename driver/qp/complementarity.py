@@ -71,59 +71,27 @@ def approached(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
     Hueeber, G. Stadler, B. Wohlmuth, SIAM J. Sci. Comput. 30 (2008) 572-596). None if no start
     leads to a solution.
     """
-    solutions = (_approached(problem.softer(part), start) for part in PARTS)
+    solutions = (approached_once(problem.softer(part), start) for part in PARTS)
     return next((z for z in solutions if z is not None), None)
 
 
-def _approached(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
+def approached_once(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
     """As `approached`, with one augmentation; None also if an approximation is not found."""
     z = start
     for _ in range(APPROXIMATIONS):
         solution = newton(problem, z)
         if solution is not None or not problem.coefficient.any():
             return solution
-        z = _approximation(problem, z)
+        z = approximation(problem, z)
         if z is None:
             break
     return None
 
 
-def _approximation(problem: CoulombProblem, z: np.ndarray) -> np.ndarray | None:
+def approximation(problem: CoulombProblem, z: np.ndarray) -> np.ndarray | None:
     """Solution with the friction bounds of z as given ones, by Newton's method from z."""
     given = problem.under(problem.load, np.zeros(problem.m), offset=problem.bounds(z))
     return newton(given, z)
-
-
-def only_solution(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
-    """As `approached`, where a problem has one solution: by the ways that take least, in turn.
-
-    Of several solutions they could end in another one. Loads of the step before leave a start in
-    whose movements all nodes slide or turn: of it and the solution in the states of its forces the
-    one nearer to the law is taken. As long as ever fewer nodes change their states Newton's method
-    goes on; else approximations come first, as they have no pressures that friction depends on.
-    """
-    if not problem.coefficient.any():
-        return approached(problem, start)
-    start = _nearer(problem, start)
-    z = newton(problem, start, narrowing=True)
-    if z is not None:
-        return z
-    for part in PARTS:
-        softer = problem.softer(part)
-        z = _approximation(softer, start)
-        z = z if z is None else _approached(softer, z)
-        if z is not None:
-            return z
-    return approached(problem, start)
-
-
-def _nearer(problem: CoulombProblem, start: np.ndarray) -> np.ndarray:
-    """`start` z, or the solution in the states that its forces alone say, if nearer to the law."""
-    along, bound = start[problem.n : problem.rows], problem.bounds(start)
-    slides = np.abs(along) >= (1 - ROUNDING) * bound
-    states = problem.states_of(start, np.where(slides, np.sign(along), 0.0))
-    z = problem.solution_in(states, problem.signs(start))
-    return start if z is None or problem.violation(z) >= problem.violation(start) else z
 
 
 def settled(problem: CoulombProblem, start: np.ndarray, move: np.ndarray,

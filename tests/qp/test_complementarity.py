@@ -14,9 +14,10 @@ import pytest
 from driver.hard.oracle import box_qp
 from driver.qp import complementarity, pivots
 from driver.qp.complementarity import (
-    all_solutions, approached, index, lemke, newton, only_solution, search, settled)
+    all_solutions, approached, index, lemke, newton, search, settled)
 from driver.contact.states import OPEN, STICK
 from driver.qp.coulomb import BACKWARD, FORWARD, CoulombProblem, StateSystem
+from driver.qp.one_solution import only_solution
 
 SEEDS = 20
 
