@@ -46,6 +46,7 @@ class TornFactor:
         self._order = np.append(inner[_fill_reducing(K, torn[inner])], np.flatnonzero(seen))
         # L' as PETSc solves with it, and the torn dof of every one of its first rows
         self._upper = self._place = None
+        self._last = None  # the last rows of L, (n_t + n_c,) square, n_t first
 
     def reduced(self, corner: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """K_rr^-1 (n_t, n_t) and K_rr^-1 K_rc (n_t, n_c) on t, and K_cc - K_cr K_rr^-1 K_rc.
@@ -59,7 +60,7 @@ class TornFactor:
         self._place = self._order[places[: size - n_c]]
         whole = cholmod.getfactor(factor)
         L, n_t = _last_rows(whole, size - self._inner), size - self._inner - n_c
-        self._upper = _upper(whole)
+        self._upper, self._last = _upper(whole), L
         L_tt, L_ct, L_cc = L[:n_t, :n_t], L[n_t:, :n_t], L[n_t:, n_t:]
         schur = L_cc @ L_cc.T - np.diag(added[size - n_c :])
         return _inverse(L_tt), _backward(L_tt, L_ct.T), (schur + schur.T) / 2
@@ -70,14 +71,39 @@ class TornFactor:
             return np.zeros_like(right)
         if self._upper is None:
             self.reduced(np.empty(0, int))
-        solution, (x, y) = np.empty_like(right), self._upper.createVecs()
+        none = np.zeros(len(self._last) - (len(self._place) - self._inner))
+        return np.column_stack([self.backward(self.forward(column), none) for column in right.T])
+
+    def forward(self, right: np.ndarray) -> np.ndarray:
+        """L^-1 times `right` (n_r,), which is zero on the corners, in the order of L."""
+        x, y = self._upper.createVecs()
         torn = len(self._place)
-        for k, column in enumerate(right.T):
-            x.array[:torn], x.array[torn:] = column[self._place], 0.0
-            self._upper.solveTranspose(x, y)
-            y.array[torn:] = 0.0  # corners stay where they are
-            self._upper.solve(y, x)
-            solution[self._place, k] = x.array[:torn]
+        x.array[:torn], x.array[torn:] = right[self._place], 0.0
+        self._upper.solveTranspose(x, y)
+        return y.array[:torn].copy()
+
+    def forward_of_rows(self, right: np.ndarray) -> np.ndarray:
+        """`forward` of what is zero but on t: the last rows of L have it all."""
+        y = np.zeros(len(self._place))
+        n_t = len(y) - self._inner
+        if n_t:
+            y[self._inner :] = solve_triangular(self._last[:n_t, :n_t],
+                                                right[self._place[self._inner :]], lower=True,
+                                                check_finite=False)
+        return y
+
+    def backward(self, forward: np.ndarray, corner: np.ndarray) -> np.ndarray:
+        """K_rr^-1 (f_r - K_rc u_c) (n_r,) by `forward` (n_r,) of f_r and u_c, `corner` (n_c,).
+
+        Rows of L' at the corners have u_c alone: the others then bring in K_rc.
+        """
+        y, x = self._upper.createVecs()
+        torn, solution = len(self._place), np.empty(len(self._place))
+        n_t = torn - self._inner
+        y.array[:torn] = forward
+        y.array[torn:] = self._last[n_t:, n_t:].T @ corner
+        self._upper.solve(y, x)
+        solution[self._place] = x.array[:torn]
         return solution
 
 

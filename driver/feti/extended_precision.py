@@ -38,7 +38,7 @@ class Refinement:
         springs, self.coarse.rho = self.coarse.rho, np.zeros(len(self.coarse.rho))
         whole = np.append(weights, np.zeros(len(springs)))
         try:
-            fields = self.recovery.displacements(rows, whole, None, None)
+            fields = self.recovery.displacements(rows, whole, None)
             fields = [u.astype(LONG) for u in fields]
             for _ in range(PASSES):
                 parts = self._changes(self._residual(rows, weights, fields), len(rows))
@@ -81,8 +81,8 @@ class Refinement:
             for s, of_corner in zip(c.members, whole[c.corners].reshape(len(c.members), -1)):
                 left[s][c.corner] -= of_corner
         rest = [of.astype(float) for of in left]
-        return (self.recovery.displacements(*nothing, rest, None),
-                self.recovery.displacements(*nothing, None, self.coarse.solve(whole)))
+        return (self.recovery.displacements(*nothing, rest),
+                self.recovery.between_corners(*nothing, self.coarse.solve(whole)))
 
     def moved(self, rows: np.ndarray, fields: list[np.ndarray]) -> np.ndarray:
         """Local B u of `fields`, stacked and unsigned as `rows` are, less what rows that yield give

@@ -109,7 +109,7 @@ class DualOperator(DualProblem):
         structure = self.structure
         if self._fields is None:
             none = np.zeros(len(self.vectors.sign))
-            self._fields = [self._recovery.displacements(none, unit, None, corner) for
+            self._fields = [self._recovery.between_corners(none, unit, corner) for
                             unit, (_, corner) in zip(np.eye(structure.patterns), self._loaded)]
         structure.contact = contact
         for s, rows in structure.numbering.renewed(contact, structure.subdomains).items():
@@ -198,12 +198,12 @@ class DualOperator(DualProblem):
         rows, patterns = self._signed_rows(multipliers), self.structure.patterns
         if not refined:
             corner = self._corner_displacements(rows, weights)
-            return self._recovery.displacements(rows, weights, None, corner)
+            return self._recovery.between_corners(rows, weights, corner)
         fields = self._refined().fields(rows, weights[:patterns])
         if not self.modes:
             return fields
         motions = np.append(np.zeros(patterns), weights[patterns:])
-        rigid = self._recovery.displacements(np.zeros(len(rows)), motions, None, None)
+        rigid = self._recovery.displacements(np.zeros(len(rows)), motions, None)
         return [u + r for u, r in zip(fields, rigid)]
 
     def dot(self, a: np.ndarray, b: np.ndarray) -> float:
@@ -284,8 +284,7 @@ class DualOperator(DualProblem):
         again. Collective.
         """
         if forces is not None:
-            return self._recovery.displacements(self._signed_rows(multipliers), weights, forces,
-                                                None)
+            return self._recovery.displacements(self._signed_rows(multipliers), weights, forces)
         known = self._latest is not None and all(map(np.array_equal, self._latest[:3],
                                                      (multipliers, weights, refined)))
         if not self.minimum(float(known)):

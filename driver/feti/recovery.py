@@ -23,6 +23,7 @@ class Recovery:
         self.structure, self.classes, self.coarse = structure, classes, coarse
         self.loads = [self._pattern_loads(s) for s in range(len(structure.subdomains))]
         self._acts = [load.any() for load in self.loads]
+        self._forward = {}  # of subdomain and load pattern: the pass down L, see cholesky.py
 
     def _pattern_loads(self, s: int) -> np.ndarray:
         """(patterns, dofs) loads with the forces of prescribed displacements moved to the right."""
@@ -59,18 +60,16 @@ class Recovery:
                     of_members[k] = structure.rows[s].fixed_share(structure.fixed[s], values, dofs)
         return share
 
-    def displacements(self, rows: np.ndarray, weights: np.ndarray, forces: list | None,
-                      corner: np.ndarray | None) -> list[np.ndarray]:
-        """Displacements under sum_k weights_k f_k - B' lambda + forces.
+    def displacements(self, rows: np.ndarray, weights: np.ndarray,
+                      forces: list | None) -> list[np.ndarray]:
+        """Displacements under sum_k weights_k f_k - B' lambda + forces, a field if there are any.
 
-        `forces` is a field, if there are any. Finding the displacements `corner` takes one more
-        solution for every subdomain, unless they are given.
+        To find those of the corners takes one more solution for every subdomain.
         """
         structure, patterns = self.structure, self.structure.patterns
         right = [self._forces(c, weights, rows, forces) for c in self.classes]
-        if corner is None:
-            corner = self._corner_response(right, self._torn_response(right))
-            corner += (structure.rigid_corners @ weights[patterns:])[self.coarse.numbers]
+        corner = self._corner_response(right, self._torn_response(right))
+        corner += (structure.rigid_corners @ weights[patterns:])[self.coarse.numbers]
         fields = [np.empty(0)] * len(structure.subdomains)
         for c, f in zip(self.classes, right):
             for s, u in zip(c.members, np.ascontiguousarray(_class_displacements(c, f, corner).T)):
@@ -78,6 +77,36 @@ class Recovery:
                     u[structure.fixed[s]] = weights[:patterns] @ structure.fixed_values[s]
                 fields[s] = u
         return fields
+
+    def between_corners(self, rows: np.ndarray, weights: np.ndarray,
+                        corner: np.ndarray) -> list[np.ndarray]:
+        """`displacements` without other forces, for known `corner`: one pass up every factor.
+
+        The pass down is that of the loads, kept, and of multipliers, in the last rows alone.
+        """
+        structure, patterns = self.structure, self.structure.patterns
+        fields = [np.empty(0)] * len(structure.subdomains)
+        for c in self.classes:
+            shape = len(c.members), -1
+            places = corner[c.corners].reshape(shape)
+            forces = np.ascontiguousarray((c.B_r.T @ rows[c.rows].reshape(shape).T).T)
+            for s, u_c, force in zip(c.members, places, forces):
+                down = -c.factor.forward_of_rows(force)
+                for k in np.flatnonzero(weights[:patterns]) if self._acts[s] else ():
+                    down += weights[k] * self._down(s, c, k)
+                fields[s] = u = np.zeros(structure.subdomains[s].dofs)
+                u[c.corner] = u_c
+                if down.any() or u_c.any():
+                    u[c.torn] = c.factor.backward(down, u_c)
+                if len(structure.fixed[s]):
+                    u[structure.fixed[s]] = weights[:patterns] @ structure.fixed_values[s]
+        return fields
+
+    def _down(self, s: int, c: LocalClass, k: int) -> np.ndarray:
+        """(n_r,) the pass of load pattern k down the factor of local subdomain s, of class c."""
+        if (s, k) not in self._forward:
+            self._forward[s, k] = c.factor.forward(self.loads[s][k][c.torn])
+        return self._forward[s, k]
 
     def _forces(self, c: LocalClass, weights: np.ndarray, rows: np.ndarray,
                 forces: list | None) -> np.ndarray:

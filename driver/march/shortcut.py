@@ -12,7 +12,7 @@ from counts and from what a checkpoint keeps: neither ranks nor an interruption 
 import numpy as np
 
 from ..errors import NotConverged
-from ..qp import complementarity
+from ..qp import one_solution
 from ..qp.mprgp import projected_gradient
 from . import globalization
 from .condensation import Condensation
@@ -119,7 +119,8 @@ class Shortcut:
             if number == PASSES:
                 return None
             problem = self.condensation.problem(load, x, gradient)
-            z = complementarity.approached(problem, problem.whole(self.condensation.gather(x)))
+            start = problem.whole(self.condensation.gather(x))
+            z = one_solution.only_solution(problem, start)
             if z is None:
                 return None
             x = self.condensation.place(z, x)

@@ -26,16 +26,18 @@ FEW = 4  # contact nodes up to which all 4^n states are tried
 SPRINGS = 6  # softnesses of the springs that hold bodies without support for it
 
 
-def newton(problem: CoulombProblem, start: np.ndarray,
-           most: int = NEWTON_STEPS) -> np.ndarray | None:
+def newton(problem: CoulombProblem, start: np.ndarray, most: int = NEWTON_STEPS,
+           narrowing: bool = False) -> np.ndarray | None:
     """Semismooth Newton steps (P. Alart, A. Curnier, CMAME 92 (1991) 353-375) from `start` z, at
     `most` so many.
 
     Each solves the linear system of the states that the last iterate falls into, the start's own
     too where it is a solution but for rounding: the caller may have asked for more. None where
-    states come again without having settled, or a system is singular: convergence is local.
+    states come again without having settled, or a system is singular: convergence is local. With
+    `narrowing` also where more nodes change their states than in the step before, and not a few.
     """
     visited, seen, x = [], set(), start
+    before, fewest = None, problem.n
     for _ in range(most):
         visited.append(x)
         states, sign = problem.states(x), problem.signs(x)
@@ -43,6 +45,12 @@ def newton(problem: CoulombProblem, start: np.ndarray,
         if key in seen:
             break
         seen.add(key)
+        if narrowing and before is not None:
+            changes = np.count_nonzero(states != before)
+            if changes > max(A_FEW, fewest):
+                break
+            fewest = changes
+        before = states
         x = problem.solution_in(states, sign)
         if x is None:
             break
@@ -63,21 +71,27 @@ def approached(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
     Hueeber, G. Stadler, B. Wohlmuth, SIAM J. Sci. Comput. 30 (2008) 572-596). None if no start
     leads to a solution.
     """
-    solutions = (_approached(problem.softer(part), start) for part in PARTS)
+    solutions = (approached_once(problem.softer(part), start) for part in PARTS)
     return next((z for z in solutions if z is not None), None)
 
 
-def _approached(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
+def approached_once(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
     """As `approached`, with one augmentation; None also if an approximation is not found."""
-    z, given = start, np.zeros(problem.m)
+    z = start
     for _ in range(APPROXIMATIONS):
         solution = newton(problem, z)
         if solution is not None or not problem.coefficient.any():
             return solution
-        z = newton(problem.under(problem.load, given, offset=problem.bounds(z)), z)
+        z = approximation(problem, z)
         if z is None:
             break
     return None
+
+
+def approximation(problem: CoulombProblem, z: np.ndarray) -> np.ndarray | None:
+    """Solution with the friction bounds of z as given ones, by Newton's method from z."""
+    given = problem.under(problem.load, np.zeros(problem.m), offset=problem.bounds(z))
+    return newton(given, z)
 
 
 def settled(problem: CoulombProblem, start: np.ndarray, move: np.ndarray,

@@ -42,6 +42,24 @@ def test_blocks_are_those_of_dense_algebra(seed):
     assert np.abs(factor.solve(right) - inverse @ right).max(initial=0) < ROUNDING
 
 
+@pytest.mark.parametrize("seed", range(60))
+def test_displacements_between_known_corners_take_a_pass_up_the_factor(seed):
+    """Loads anywhere and forces of rows on t, whose pass down is that of all rows of L."""
+    K, dofs, seen, corner = torn(seed)
+    factor, dense = TornFactor(K, dofs, seen), K.toarray()
+    factor.reduced(corner)
+    load, on_rows = np.random.default_rng(seed).standard_normal((2, len(dofs)))
+    on_rows[~seen] = 0.0
+    u_c = np.random.default_rng(seed + 1).standard_normal(len(corner))
+    down = factor.forward_of_rows(on_rows)
+    assert np.abs(down - factor.forward(on_rows)).max(initial=0) < ROUNDING
+    right = load + on_rows - dense[np.ix_(dofs, corner)] @ u_c
+    wanted = np.linalg.solve(dense[np.ix_(dofs, dofs)], right)
+    between = factor.backward(factor.forward(load) + down, u_c)
+    largest = max(1.0, np.abs(wanted).max(initial=0))
+    assert np.abs(between - wanted).max(initial=0) < ROUNDING * largest
+
+
 def test_corners_that_alone_leave_a_body_loose_are_no_obstacle():
     """A bar of two nodes, both corners: nothing is torn, and S is the singular stiffness itself."""
     K = csr_matrix([[1.0, -1.0], [-1.0, 1.0]])

@@ -54,7 +54,7 @@ def test_approximations_go_on_where_newton_does_not_settle(built, steps_of, monk
     def unsettled(*_):
         tried.append(1)
 
-    monkeypatch.setattr(shortcut.complementarity, "approached", unsettled)
+    monkeypatch.setattr(shortcut.one_solution, "only_solution", unsettled)
     _, (failed, *_) = steps_of(problem)
     assert tried == [1]
     monkeypatch.setattr(shortcut, "LEAST", np.inf)

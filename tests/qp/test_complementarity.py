@@ -17,6 +17,7 @@ from driver.qp.complementarity import (
     all_solutions, approached, index, lemke, newton, search, settled)
 from driver.contact.states import OPEN, STICK
 from driver.qp.coulomb import BACKWARD, FORWARD, CoulombProblem, StateSystem
+from driver.qp.one_solution import only_solution
 
 SEEDS = 20
 
@@ -500,6 +501,47 @@ def test_a_surface_that_turns_back_is_followed_by_softer_movements(nodes, togeth
     np.testing.assert_allclose(approached(problem, forth), back, rtol=1e-9)
     monkeypatch.setattr(complementarity, "PARTS", (1.0,))
     assert approached(problem, forth) is None
+
+
+def counted(monkeypatch) -> list:
+    """A list that grows with every linear system that is solved."""
+    systems, solution_in = [], CoulombProblem.solution_in
+
+    def solve(*given):
+        systems.append(1)
+        return solution_in(*given)
+
+    monkeypatch.setattr(CoulombProblem, "solution_in", solve)
+    return systems
+
+
+def halfspace(nodes: int, friction: float) -> CoulombProblem:
+    """Nodes along a line on a half-space, pressed by a parabola and dragged, of one solution."""
+    distance = np.abs(np.subtract.outer(np.arange(nodes), np.arange(nodes)))
+    near, none = 1.0 - np.log(1.0 + distance) / (2 * np.log(nodes)), np.zeros((nodes, nodes))
+    place = np.linspace(-1.2, 1.2, nodes)
+    load = np.append(1.0 - place**2, np.full(nodes, 0.1))
+    return CoulombProblem(np.block([[near, none], [none, near]]), load,
+                          np.full(nodes, friction), np.arange(nodes))
+
+
+@pytest.mark.parametrize("friction, part", [(0.0, 1.0), (0.3, 0.8), (0.6, 0.6)])
+def test_an_only_solution_takes_fewer_systems(friction, part, monkeypatch):
+    """Step after step of a drag to and fro, to the bits of what other ways come to.
+    """
+    problem, before = halfspace(120, friction), np.zeros(240)
+    systems, taken = counted(monkeypatch), {approached: 0, only_solution: 0}
+    for drag in np.sin(np.linspace(0, 2 * np.pi, 20)):
+        problem.load[120:] = 0.3 * drag
+        found = {}
+        for way in taken:
+            del systems[:]
+            found[way] = way(problem, before)
+            taken[way] += len(systems)
+        before = found[only_solution]
+        assert np.array_equal(before, found[approached])
+        assert_obeys(problem, before)
+    assert taken[only_solution] <= part * taken[approached]
 
 
 @pytest.mark.parametrize("friction, pressed, sheared, isolated", [
