@@ -1,7 +1,9 @@
 """Where the machine keeps FreeFEM, Open MPI and PETSc, as Debian packages them."""
 
+import atexit
 import contextlib
 import ctypes
+import functools
 import importlib.util
 import mmap
 import os
@@ -11,6 +13,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import warnings
 from pathlib import Path
 
@@ -31,6 +34,7 @@ ALONE = {"OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "self", "OMPI_MCA_ess_singleton_
          "OMPI_MCA_orte_create_session_dirs": "0"}
 LEFT_BEHIND = ("OMPI_MCA_ess", "OMPI_MCA_pmix")  # what it then sets itself in the environment
 HOST_FILE = "OMPI_MCA_orte_default_hostfile"  # Open MPI's own name of the file of hosts
+OWN_PLACE = "orte_tmpdir_base"  # Open MPI's own name of the place of what it keeps while it runs
 HOSTS_KNOWN = (HOST_FILE, "SLURM_JOB_ID")  # set where ranks may start on other hosts
 # of the environment to ranks on other hosts, besides Open MPI's own settings
 HANDED_ON = re.compile("PATH|LD_LIBRARY_PATH|EXPORT_DIRECTORY|SIZE_FIELD|"
@@ -218,11 +222,30 @@ def mpirun(ranks: int, env: dict[str, str] | None = None) -> list[str]:
     """Command prefix that starts `ranks` processes, more than cores if asked; they end with it.
 
     `env` is the environment that mpirun will have; ranks on other hosts get what they need of it.
+    Raises InputError if mpirun is not installed or has no place to work in.
     """
-    names = filter(HANDED_ON.fullmatch, env or ()) if several_hosts() else ()
-    handed = [word for name in names for word in ("-x", name)]
-    return [program("mpirun"), "--oversubscribe", "--bind-to", "none", *handed, "-n", str(ranks),
-            program("setpriv"), "--pdeathsig", "KILL"]
+    start = [program("mpirun"), "--oversubscribe", "--bind-to", "none"]
+    if several_hosts():  # where it would leave a place of its own behind on each
+        start += [word for name in filter(HANDED_ON.fullmatch, env or ()) for word in ("-x", name)]
+    else:
+        start += ["--mca", OWN_PLACE, place_of_mpirun()]
+    return [*start, "-n", str(ranks), program("setpriv"), "--pdeathsig", "KILL"]
+
+
+@functools.cache
+def place_of_mpirun() -> str:
+    """A directory for what mpirun keeps while it runs, gone when this process ends.
+
+    Left to themselves all of a user share one that the last of them removes; one that starts at
+    that moment fails (Open MPI issue 8510: here one of 1,500, two at a time). Raises InputError.
+    """
+    try:
+        place = tempfile.mkdtemp(prefix="driver-mpi-")
+    except OSError as problem:
+        raise file_error(problem, "mpirun has no place for temporary files: "
+                                  f"{problem.strerror}") from None
+    atexit.register(shutil.rmtree, place, ignore_errors=True)
+    return place
 
 
 def run_child(command: list[str], meanwhile=lambda: None, **options) -> subprocess.CompletedProcess:

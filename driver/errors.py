@@ -78,6 +78,13 @@ def defect_line(cause: str, trace: str, log: Path | None = None) -> str:
     """One line about a defect; `trace` goes to the end of `log`, else to a file in a place for
     temporary ones.
     """
+    return (f"a defect of the suite, not of what it was given: {cause}; please report it with the "
+            f"traceback, which is {kept(trace, log)}")
+
+
+def kept(trace: str, log: Path | None = None) -> str:
+    """Where `trace` is: at the end of `log`, else in a file in a place for temporary ones, or lost.
+    """
     try:
         if log is None:
             with tempfile.NamedTemporaryFile("w", prefix="driver-", suffix=".log", delete=False,
@@ -89,11 +96,8 @@ def defect_line(cause: str, trace: str, log: Path | None = None) -> str:
                 file.write(trace)
             log = log.name
     except OSError as failed:
-        log = f"lost ({failed.strerror})"
-    else:
-        log = f"in {log}"
-    return (f"a defect of the suite, not of what it was given: {cause}; please report it with the "
-            f"traceback, which is {log}")
+        return f"lost ({failed.strerror})"
+    return f"in {log}"
 
 
 # ---- files and memory ----------------------------------------------------------------------------

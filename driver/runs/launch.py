@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 from .. import environment
-from ..errors import Defect, DriverError, InputError, defect_line
+from ..errors import Defect, DriverError, InputError, defect_line, kept
 from ..options import CORES
 from ..scene.manifest import Manifest
 from . import hosts
@@ -77,7 +77,9 @@ def _why_it_died(done: subprocess.CompletedProcess) -> str:
         return f"{hosts.lost(done.stderr)} was lost: it is down or a rank there was killed"
     if done.returncode in (-signal.SIGKILL, 128 + signal.SIGKILL):
         return "a rank of the solver was killed; was there enough memory?"
-    return f"a rank of the solver died (mpirun exit {done.returncode}); was there enough memory?"
+    said = f" What it said is {kept(done.stderr)}" if done.stderr.strip() else ""
+    return (f"a rank of the solver died (mpirun exit {done.returncode}); was there enough memory?"
+            f"{said}")
 
 
 def load(stage):

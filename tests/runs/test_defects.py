@@ -93,6 +93,15 @@ def test_a_defect_on_a_rank_is_one_line(logs):
     assert killed.exit_status == 2
 
 
+def test_what_mpirun_says_of_ranks_that_die_without_a_word_is_kept(logs):
+    """Otherwise nobody could tell why they did."""
+    words = "A call to mkdir was unable to create the desired directory\n"
+    error = launch._why_no_answer(subprocess.CompletedProcess([], 1, "", words))
+    log, = logs.iterdir()
+    assert log.read_text() == words
+    assert error.exit_status == 2 and str(error).endswith(f"What it said is in {log}")
+
+
 def test_an_output_that_nobody_reads_any_more_is_no_disk_error():
     """As with make run | head: the run stops with a line that says why, help without one."""
     assert "reads the output" in str(write_error(BrokenPipeError(errno.EPIPE, "Broken pipe")))

@@ -1,11 +1,14 @@
-"""How many ranks solve what nobody gave a number of ranks for."""
+"""How many ranks solve what nobody gave a number of ranks for, and how they are started."""
 
 import json
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
-from driver import cli
+from driver import cli, environment
 from driver.runs import launch, run
 from driver.scene import freefem
 
@@ -44,3 +47,18 @@ def test_a_run_has_the_ranks_that_its_size_pays_for_unless_they_are_given(tmp_pa
     ranks, bits = zip(*seen.values())
     assert ranks == (1, 2, 1)
     assert len(set(bits)) == 1
+
+
+def test_mpirun_keeps_its_files_where_no_other_one_does():
+    """Of all runs of a user at a time one that ends would take away the place of one that starts.
+    """
+    place = environment.place_of_mpirun()
+    code = "import os; from mpi4py import MPI; " \
+           f"print(MPI.COMM_WORLD.size, *os.listdir('{place}'))"
+    done = subprocess.run([*environment.mpirun(2), sys.executable, "-c", code], check=True,
+                          env=environment.child_environment(), capture_output=True, text=True)
+    assert all(line.startswith("2 ompi.") for line in done.stdout.splitlines())
+    other = subprocess.run([sys.executable, "-c", "from driver import environment as e; "
+                            "print(e.place_of_mpirun())"], cwd=environment.ROOT, check=True,
+                           capture_output=True, text=True).stdout.strip()
+    assert other != place and Path(place).is_dir() and not Path(other).exists()
