@@ -9,7 +9,7 @@ from pathlib import Path
 
 from .. import environment
 
-environment.single_threaded()
+environment.prepare_blas()
 environment.start_petsc()
 
 import numpy as np
