@@ -114,18 +114,18 @@ class CondensedSearch:
             settled = self._settled(load, x, apart, rtol)
             almost = settled or own > rtol and self._settled(load, x, apart, own)
             whole, missed = self._missed(x, gradient, bound)
+            state = x, gradient, coefficient, self._motion(load)
+            if changes:  # before rows are corrected: they end on the bounds that the next pass has
+                rows.coefficient = np.maximum(secants.next(coefficient, rows.coefficient), 0.0)
             known = settled or not changes  # friction
             change = self._corrected(load, x, gradient) if known else None
             solver = globalization.NEWTON
             lacking = np.inf if change is None else self._share(change, x)
-            state = x, gradient, coefficient, self._motion(load)
             headway.note(state if settled else None, missed, lacking)
             nearly.note(state if almost else None, missed, lacking)
             if settled and self._ends(whole, missed, headway.idle):
                 self.qp.history.fallbacks.note(method, index)
                 return headway.answer
-            if changes:
-                rows.coefficient = np.maximum(secants.next(coefficient, rows.coefficient), 0.0)
             if change is None:
                 change, solver = self._solved_for(load, x, gradient)
             if change is None:
