@@ -5,37 +5,49 @@ Then the way to it may be chosen by what it takes alone: complementarity.py has 
 
 import numpy as np
 
-from .complementarity import PARTS, approached, approached_once, approximation, newton
+from .complementarity import approached, approximation, newton
 from .coulomb import ROUNDING, CoulombProblem
+
+NEAR = 0.1  # part of the nodes whose movements say another state than their forces, at most
+SOFT = 0.01  # part of the rigidity by which movements count in approximations
+APPROXIMATIONS = 3  # of friction bounds before the methods for several solutions
 
 
 def only_solution(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
-    """As `approached`, where a problem has one solution: by the ways that take least, in turn.
+    """As `approached`, where a problem has one solution: by the way that takes least.
 
-    Of several solutions they could end in another one. Loads of the step before leave a start in
-    whose movements all nodes slide or turn: of it and the solution in the states of its forces the
-    one nearer to the law is taken. As long as ever fewer nodes change their states Newton's method
-    goes on; else approximations come first, as they have no pressures that friction depends on.
+    Of several solutions it could end in another one. Near the solution Newton's method goes there
+    as long as ever fewer nodes change their states. Else friction bounds are given first, and
+    movements count by little: a whole surface that closes or turns is far softer than each of its
+    nodes, which would open and close in turn.
     """
     if not problem.coefficient.any():
         return approached(problem, start)
-    start = _nearer(problem, start)
-    z = newton(problem, start, narrowing=True)
-    if z is not None:
-        return z
-    for part in PARTS:
-        softer = problem.softer(part)
-        z = approximation(softer, start)
-        z = z if z is None else approached_once(softer, z)
-        if z is not None:
-            return z
-    return approached(problem, start)
+    z = start = _nearer(problem, start)
+    softer = problem.softer(SOFT)
+    near = np.count_nonzero(problem.states(z) != _of_forces(problem, z)) <= NEAR * problem.n
+    solution = newton(problem, z, narrowing=True) if near else None
+    for _ in range(APPROXIMATIONS):
+        if solution is not None:
+            return solution
+        z = approximation(softer, z)
+        if z is None:
+            break
+        solution = newton(problem, z, narrowing=True)
+    return approached(problem, start) if solution is None else solution
+
+
+def _of_forces(problem: CoulombProblem, z: np.ndarray) -> np.ndarray:
+    """(n,) states that the forces in z alone say."""
+    along, bound = z[problem.n : problem.rows], problem.bounds(z)
+    slides = np.abs(along) >= (1 - ROUNDING) * bound
+    return problem.states_of(z, np.where(slides, np.sign(along), 0.0))
 
 
 def _nearer(problem: CoulombProblem, start: np.ndarray) -> np.ndarray:
-    """`start` z, or the solution in the states that its forces alone say, if nearer to the law."""
-    along, bound = start[problem.n : problem.rows], problem.bounds(start)
-    slides = np.abs(along) >= (1 - ROUNDING) * bound
-    states = problem.states_of(start, np.where(slides, np.sign(along), 0.0))
-    z = problem.solution_in(states, problem.signs(start))
+    """`start` z, or the solution in the states of its forces, if nearer to the law.
+
+    Loads of the step before leave a start in whose movements all nodes slide or turn.
+    """
+    z = problem.solution_in(_of_forces(problem, start), problem.signs(start))
     return start if z is None or problem.violation(z) >= problem.violation(start) else z
