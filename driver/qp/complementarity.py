@@ -7,6 +7,7 @@ import numpy as np
 from ..environment import PLAIN_PROGRAM, silenced
 from . import pivots
 from .coulomb import BACKWARD, FORWARD, OPEN, ROUNDING, STICK, CoulombProblem
+from .nearby import nearly_in
 
 DISTINCT = 1e-6  # solutions nearer than this part of the largest multiplier are the same
 MANY = 9  # solutions after which no more are looked for
@@ -27,7 +28,7 @@ SPRINGS = 6  # softnesses of the springs that hold bodies without support for it
 
 
 def newton(problem: CoulombProblem, start: np.ndarray, most: int = NEWTON_STEPS,
-           narrowing: bool = False) -> np.ndarray | None:
+           narrowing: bool = False, nearly: bool = False) -> np.ndarray | None:
     """Semismooth Newton steps (P. Alart, A. Curnier, CMAME 92 (1991) 353-375) from `start` z, at
     `most` so many.
 
@@ -35,6 +36,7 @@ def newton(problem: CoulombProblem, start: np.ndarray, most: int = NEWTON_STEPS,
     too where it is a solution but for rounding: the caller may have asked for more. None where
     states come again without having settled, or a system is singular: convergence is local. With
     `narrowing` also where more nodes change their states than in the step before, and not a few.
+    `nearly`: to the digits of factors of like states, of which a solution may lack some.
     """
     visited, seen, x = [], set(), start
     before, fewest = None, problem.n
@@ -51,7 +53,7 @@ def newton(problem: CoulombProblem, start: np.ndarray, most: int = NEWTON_STEPS,
                 break
             fewest = changes
         before = states
-        x = problem.solution_in(states, sign)
+        x = nearly_in(problem, states, sign) if nearly else problem.solution_in(states, sign)
         if x is None:
             break
     # at a solution states come again at once, on the border of some after a few turns
@@ -88,10 +90,10 @@ def approached_once(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | 
     return None
 
 
-def approximation(problem: CoulombProblem, z: np.ndarray) -> np.ndarray | None:
-    """Solution with the friction bounds of z as given ones, by Newton's method from z."""
+def approximation(problem: CoulombProblem, z: np.ndarray, **how) -> np.ndarray | None:
+    """Solution with the friction bounds of z as given ones, by Newton's method from z, `how`."""
     given = problem.under(problem.load, np.zeros(problem.m), offset=problem.bounds(z))
-    return newton(given, z)
+    return newton(given, z, **how)
 
 
 def settled(problem: CoulombProblem, start: np.ndarray, move: np.ndarray,

@@ -7,6 +7,7 @@ import numpy as np
 
 from .complementarity import approached, approximation, newton
 from .coulomb import ROUNDING, CoulombProblem
+from .nearby import nearly_in
 
 NEAR = 0.1  # part of the nodes whose movements say another state than their forces, at most
 SOFT = 0.01  # part of the rigidity by which movements count in approximations
@@ -26,15 +27,22 @@ def only_solution(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | No
     z = start = _nearer(problem, start)
     softer = problem.softer(SOFT)
     near = np.count_nonzero(problem.states(z) != _of_forces(problem, z)) <= NEAR * problem.n
-    solution = newton(problem, z, narrowing=True) if near else None
+    solution = _ended(problem, z) if near else None
     for _ in range(APPROXIMATIONS):
         if solution is not None:
             return solution
-        z = approximation(softer, z)
+        z = approximation(softer, z, nearly=True)
         if z is None:
             break
-        solution = newton(problem, z, narrowing=True)
+        solution = _ended(problem, z)
     return approached(problem, start) if solution is None else solution
+
+
+def _ended(problem: CoulombProblem, z: np.ndarray) -> np.ndarray | None:
+    """The solution that Newton's method goes to from z, to all digits."""
+    z = newton(problem, z, narrowing=True, nearly=True)
+    exact = None if z is None else problem.solution_in(problem.states(z), problem.signs(z))
+    return exact if problem.solves(exact) else z
 
 
 def _of_forces(problem: CoulombProblem, z: np.ndarray) -> np.ndarray:
@@ -49,5 +57,5 @@ def _nearer(problem: CoulombProblem, start: np.ndarray) -> np.ndarray:
 
     Loads of the step before leave a start in whose movements all nodes slide or turn.
     """
-    z = problem.solution_in(_of_forces(problem, start), problem.signs(start))
+    z = nearly_in(problem, _of_forces(problem, start), problem.signs(start))
     return start if z is None or problem.violation(z) >= problem.violation(start) else z

@@ -1,0 +1,93 @@
+"""Linear systems of states near factorized ones, against factors of their own."""
+
+import numpy as np
+import pytest
+from test_complementarity import halfspace, random_problem
+
+from driver.contact.states import OPEN, STICK
+from driver.qp.coulomb import BACKWARD, FORWARD, CoulombProblem, StateSystem
+from driver.qp.nearby import FEW, Nearby, nearly_in
+from driver.qp.one_solution import only_solution
+
+NODES = 40
+
+
+def drawn(rng, problem: CoulombProblem) -> np.ndarray:
+    """(n,) states of all kinds that the problem's nodes may be in."""
+    return np.array([rng.choice(problem.choices(node)) for node in range(problem.n)])
+
+
+def changed(rng, problem: CoulombProblem, states: np.ndarray, count: int) -> np.ndarray:
+    """`states` (n,) with others at `count` nodes."""
+    states, where = states.copy(), rng.choice(problem.n, count, replace=False)
+    states[where] = drawn(rng, problem)[where]
+    return states
+
+
+@pytest.mark.parametrize("kind", ["friction", "offsets", "given bounds", "bilateral"])
+@pytest.mark.parametrize("count", [0, 1, 4])
+def test_few_changes_are_those_of_new_factors(kind, count):
+    """Rows begin or cease to move, slide or turn, with friction that pressures bound or not."""
+    rng, problem = np.random.default_rng(count), halfspace(NODES, 0.4)
+    offset = rng.uniform(0.0, 0.2, NODES)
+    if kind == "offsets":
+        problem = problem.under(problem.load, problem.coefficient, offset=offset)
+    elif kind == "given bounds":
+        problem = problem.under(problem.load, np.zeros(NODES), offset=offset)
+    elif kind == "bilateral":
+        problem = CoulombProblem(problem.compliance, problem.load, problem.coefficient,
+                                 problem.pair, rng.random(NODES) < 0.5)
+    sign = np.where(problem.bilateral & (rng.random(NODES) < 0.5), -1.0, 1.0)
+    states = np.where(np.arange(NODES) < NODES // 2, STICK, drawn(rng, problem))
+    problem.solution_in(states, sign)
+    states = changed(rng, problem, states, count)
+    if kind == "bilateral":
+        sign[:2] *= -1.0
+    near = nearly_in(problem, states, sign)
+    assert next(iter(problem.latest.values()))[1].nearby is not None, "factors were made anew"
+    exact = problem.solution_in(states, sign)
+    # rounding times the condition of systems of some 60 rows, 1e4 here, with room
+    np.testing.assert_allclose(near, exact, rtol=0, atol=1e-10 * np.abs(exact).max())
+
+
+def test_many_changes_have_factors_of_their_own():
+    """Also where free motions come in as unknowns."""
+    problem = halfspace(NODES, 0.4)
+    sticks, slides = np.full(NODES, STICK), np.full(NODES, FORWARD)
+    problem.solution_in(sticks, np.ones(NODES))
+    _, system = problem.latest[True]
+    few = int(FEW * 2 * NODES)
+    states = np.where(np.arange(NODES) < few, FORWARD, STICK)
+    assert Nearby(problem, system).solution(problem, states, np.ones(NODES)) is not None
+    assert Nearby(problem, system).solution(problem, slides, np.ones(NODES)) is None
+    exact = problem.solution_in(slides, np.ones(NODES))
+    problem.solution_in(sticks, np.ones(NODES))
+    assert np.array_equal(nearly_in(problem, slides, np.ones(NODES)), exact)
+    free = random_problem(1, 6, motions=2)
+    free.solution_in(np.full(6, STICK), np.ones(6))
+    states = np.array([STICK, STICK, STICK, STICK, STICK, BACKWARD])
+    assert np.array_equal(nearly_in(free, states, np.ones(6)),
+                          free.solution_in(states, np.ones(6)))
+
+
+def test_a_system_that_becomes_singular_is_not_updated():
+    """Two rows of the same movements: one may stick, or the other."""
+    C = np.eye(4)
+    C[2:, 2:] = 1.0
+    problem = CoulombProblem(C, np.ones(4), np.full(2, 0.3), np.arange(2))
+    problem.solution_in(np.array([STICK, FORWARD]), np.ones(2))
+    _, system = problem.latest[True]
+    assert Nearby(problem, system).solution(problem, np.full(2, STICK), np.ones(2)) is None
+
+
+def test_steps_of_a_drag_are_solved_with_few_factors(monkeypatch):
+    """One or two a step: those of the solution, and where friction bounds are given."""
+    made, honest = [], StateSystem.__init__
+    monkeypatch.setattr(StateSystem, "__init__",
+                        lambda self, *given: made.append(1) or honest(self, *given))
+    problem, z, drags = halfspace(120, 0.3), np.zeros(240), np.sin(np.linspace(0, 2 * np.pi, 40))
+    for drag in drags:
+        problem.load[120:] = 0.3 * drag
+        z = only_solution(problem, z)
+        assert problem.solves(z)
+    assert len(made) <= 2 * len(drags)
