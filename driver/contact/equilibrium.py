@@ -30,6 +30,34 @@ SLACK = 1e-7  # relative imbalance that counts as balanced: the solver's own tol
 ROUNDING = 1e-12  # by which programs may differ that are the same
 
 
+def still_balances(rows: ContactRows, motions: np.ndarray, work: np.ndarray, size: np.ndarray,
+                   x: np.ndarray, comm) -> bool:
+    """Whether contact forces near those of the step before, multipliers x (owned,), balance loads.
+
+    Each may change by a part of itself, or of its friction bound: by the least in all. That is
+    enough, and no linear program, where what holds the bodies hardly changes; it is not needed for
+    "yes". Arguments as of `rigid_equilibrium`. Collective; the same answer on every rank.
+    """
+    motions = _felt(rows, motions)
+    normal, tangential = motions[rows.normal], motions[rows.tangential]
+    pressure, bound = x[rows.normal], rows.friction_bound(x)
+    held = comm.allreduce(normal.T @ pressure + tangential.T @ x[rows.tangential])
+    gross = comm.allreduce(np.abs(normal).T @ np.abs(pressure) + np.abs(tangential).T @ bound)
+    gives = comm.allreduce(normal.T @ (np.abs(pressure)[:, None] * normal)
+                           + tangential.T @ (bound[:, None] * tangential))
+    reach = np.sqrt(gives.diagonal())
+    reach[reach == 0] = 1.0
+    way = np.linalg.lstsq(gives / np.outer(reach, reach), (work - held) / reach, rcond=None)[0]
+    way /= reach
+    balanced = np.all(np.abs(held + gives @ way - work) <= SLACK * size + ROUNDING * gross)
+    moved = x.copy()
+    moved[rows.normal] += np.abs(pressure) * (normal @ way)
+    moved[rows.tangential] += bound * (tangential @ way)
+    obeys = (moved[rows.normal][~rows.pulls] >= 0).all() and (
+        np.abs(moved[rows.tangential]) <= rows.friction_bound(moved)).all()
+    return bool(balanced) and bool(comm.allreduce(int(not obeys)) == 0)
+
+
 class Latest:
     """The program that was solved last, and its answer."""
 
@@ -57,9 +85,7 @@ def rigid_equilibrium(rows: ContactRows, motions: np.ndarray, work: np.ndarray, 
     the loads on them, `size` (modes,) of its terms; `latest`: of the steps before. Collective; the
     same answer on every rank.
     """
-    if rows.idle is not None:
-        motions = motions.copy()
-        motions[rows.idle] = 0.0
+    motions = _felt(rows, motions)
     law = [np.zeros(len(rows.tangential)) if values is None else values
            for values in (rows.coefficient, rows.offset)]
     parts = comm.gather((motions[rows.normal], rows.gap, rows.normal_node, rows.pulls,
@@ -73,6 +99,14 @@ def rigid_equilibrium(rows: ContactRows, motions: np.ndarray, work: np.ndarray, 
         answer = (latest or Latest()).answer(normal[one], gap[one], tangential[two], pair,
                                              coefficient[two], offset[two], pulls, work, size)
     return comm.bcast(answer)
+
+
+def _felt(rows: ContactRows, motions: np.ndarray) -> np.ndarray:
+    """`motions` (owned, modes) without what nodes that face nothing move by."""
+    if rows.idle is not None:
+        motions = motions.copy()
+        motions[rows.idle] = 0.0
+    return motions
 
 
 def _solve(normal, gap, tangential, pair, coefficient, offset, pulls, work, size):

@@ -10,7 +10,7 @@ import functools
 import numpy as np
 from scipy.linalg import block_diag
 
-from ..contact.equilibrium import Latest, rigid_equilibrium
+from ..contact.equilibrium import Latest, rigid_equilibrium, still_balances
 from ..contact.kkt import Scales
 from ..contact.rows import ContactRows
 from ..errors import NoSolution
@@ -39,15 +39,18 @@ class FreeBodies:
         self.placed = np.zeros((len(operator.structure.travel.bodies.size), 3))
         self._latest = Latest()
 
-    def can_rest(self, index: int, weights: np.ndarray) -> np.ndarray:
+    def can_rest(self, index: int, weights: np.ndarray, last: np.ndarray | None = None):
         """Rigid motion (modes,) that closes gaps until contact balances the loads `weights`.
 
-        Raises NoSolution if nothing balances them.
+        Zero where forces near the `last` multipliers (owned,), if given, do so. Raises NoSolution
+        if nothing balances them.
         """
         op = self.operator
         work, size = op.imbalance(np.zeros(op.owned), weights)
-        motion = rigid_equilibrium(self.rows, np.column_stack(op.motions), work, size, op.comm,
-                                   self._latest)
+        motions = np.column_stack(op.motions)
+        if last is not None and still_balances(self.rows, motions, work, size, last, op.comm):
+            return np.zeros(len(work))
+        motion = rigid_equilibrium(self.rows, motions, work, size, op.comm, self._latest)
         if motion is None:
             raise NoSolution(f"{step_name(index)}: {self._why_no_rest(index, work)}")
         return motion

@@ -141,11 +141,13 @@ class QuasistaticSolver:
 
         Raises StepFailed where no state can balance the loads.
         """
+        first = not any(self.loads[: index - 1]) and not self.motion.any()
         try:
-            rest = self.bodies.can_rest(index, self.amplitudes[index])
+            rest = self.bodies.can_rest(index, self.amplitudes[index],
+                                        None if first else self.multipliers)
         except DriverError as problem:
             raise StepFailed(problem) from None
-        if not any(self.loads[: index - 1]) and not self.motion.any():  # the first load
+        if first:
             self.motion = rest
         if self.rows.corners is not None:
             self.multipliers = self.rows.corners.own(self.multipliers)

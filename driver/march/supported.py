@@ -11,7 +11,7 @@ class SupportedBodies:
 
     placed = np.zeros((0, 3))  # see FreeBodies
 
-    def can_rest(self, index: int, weights: np.ndarray) -> np.ndarray:
+    def can_rest(self, index: int, weights: np.ndarray, last: np.ndarray | None = None):
         """No motion (0,)."""
         return np.zeros(0)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from test_complementarity import halfspace, random_problem
 
-from driver.contact.states import OPEN, STICK
+from driver.contact.states import STICK
 from driver.qp.coulomb import BACKWARD, FORWARD, CoulombProblem, StateSystem
 from driver.qp.nearby import FEW, Nearby, nearly_in
 from driver.qp.one_solution import only_solution

@@ -8,7 +8,8 @@ import pytest
 from mpi4py import MPI
 
 from driver.contact import equilibrium
-from driver.contact.equilibrium import rigid_equilibrium
+from driver.contact.equilibrium import rigid_equilibrium, still_balances
+from driver.contact.rows import ContactRows
 from driver.qp import pivots
 from driver.qp.complementarity import _neighbours, lemke
 from driver.qp.coulomb import BACKWARD, FORWARD, OPEN, STICK, CoulombProblem
@@ -141,6 +142,36 @@ def test_loads_that_only_grow_ask_for_no_other_program(monkeypatch):
     assert programs(foot(0.5, gap=np.array([0.2, 0.3])), -down, down) == 2
     assert programs(foot(0.5, 0.1), down, 0.1 * down, 0.1 * down) == 2
     assert programs(foot(0.6, 0.1), 0.1 * down) == 1
+
+
+def four_feet(friction=0.5, offset=None, pulls=False, idle=None) -> ContactRows:
+    """Nodes in a row under a body."""
+    node, offset = np.arange(4), None if offset is None else np.full(4, offset)
+    return ContactRows(node, node, np.zeros(4), 4 + node, node, node, np.full(4, friction), offset,
+                       np.zeros(0, int), np.full(4, pulls), idle=idle)
+
+
+@pytest.mark.parametrize("rows, work, balances", [
+    (four_feet(), [4.0, 0.0, 0.0], True), (four_feet(), [9.0, 2.0, 3.0], True),
+    (four_feet(), [4.0, 0.0, 2.1], False),  # friction holds half the weight
+    (four_feet(), [4.0, 6.5, 0.0], False),  # beyond the outer feet it tips over
+    (four_feet(), [-1.0, 0.0, 0.0], False), (four_feet(pulls=True), [-1.0, 0.0, 0.0], True),
+    (four_feet(offset=0.1), [4.0, 0.0, 2.1], True), (four_feet(offset=0.1), [4.0, 0.0, 2.5], False),
+    (four_feet(0.0), [4.0, 0.0, 0.1], False), (four_feet(0.0), [4.0, 1.0, 0.0], True),
+    (four_feet(offset=9.0, idle=np.arange(8)[::2]), [2.0, 1.0, 17.0], True),
+    (four_feet(offset=9.0, idle=np.arange(8)[::2]), [2.0, 1.0, 20.0], False)])
+def test_forces_of_the_step_before_show_that_contact_balances_loads(rows, work, balances):
+    """Never where the linear program does not; here as often, as all feet bore the weight."""
+    place = np.array([-1.5, -0.5, 0.5, 1.5])
+    motions = np.zeros((8, 3))
+    motions[:4, 0], motions[:4, 1], motions[4:, 2] = 1.0, place, 1.0
+    x = np.append(np.ones(4), np.zeros(4))
+    if rows.idle is not None:
+        x[rows.idle] = 0.0
+    work = np.array(work)
+    found = still_balances(rows, motions, work, np.abs(work), x, MPI.COMM_SELF)
+    assert found == balances
+    assert balances == (rest(rows, work, motions=motions) is not None)
 
 
 def test_motions_that_no_load_or_no_contact_knows():
