@@ -72,8 +72,9 @@ CASES = (
                      {"h": 0.004, "steps": 15}),
          ({"h": 0.0007, "steps": 20}, {"h": 0.0005, "steps": 40})),
     Case("hertz-bodies", _by("h", 0.008, 0.004), _by("h", 0.001, 0.0005)),
+    # quadratic references: plates of linear elements bend 3 % too little at h = 0.27
     Case("joint", ({"h": 1.6, "steps": 10}, {"h": 0.8, "steps": 20}, {"h": 3.2, "steps": 5}),
-         ({"h": 0.4, "steps": 20}, {"h": 0.27, "steps": 40})),
+         ({"h": 0.8, "element": "P2", "steps": 160}, {"h": 0.55, "element": "P2", "steps": 320})),
     Case("stack", (*_by("h", 0.2, 0.1, steps=5), {"h": 0.2, "element": "P2", "steps": 5}),
          ({"h": 0.03, "steps": 10}, {"h": 0.02, "steps": 20})),
     Case("mindlin-bodies", _by("h", 0.15, 0.075, steps=5),
