@@ -2,7 +2,7 @@
 
 import pytest
 
-from driver.studies.accuracy.handpicked import Pick, compared
+from driver.studies.accuracy.handpicked import Pick, best_of, compared
 
 
 def pick(fineness, steps, seconds, value, element="P1"):
@@ -13,10 +13,14 @@ def test_the_best_by_hand_is_the_cheapest_that_can_be_trusted():
     """Not one that meets by chance what finer meshes or more steps do not."""
     picks = [pick(1, 1, 1.0, 2.0), pick(2, 1, 2.0, 2.2), pick(4, 1, 4.0, 2.02),
              pick(4, 2, 8.0, 2.01), pick(1, 1, 3.0, 1.9, "P2")]
-    found = compared({"status": 0, "seconds": 9.0}, picks, "slip", 0.03, 2.0)
-    assert found["by_hand"] == 4.0 and found["trusted"] == pytest.approx(0.01)
-    assert found["ratio"] == 2.25 and found["within"] == "yes"
-    found = compared({"status": 0, "seconds": 9.1}, picks, "slip", 0.1, 2.0)
-    assert found["by_hand"] == 3.0 and found["within"] == "no"
-    assert compared({"status": 0, "seconds": 9.0}, picks, "slip", 0.001, 2.0) == {"within": ""}
-    assert compared({"status": 4, "seconds": 9.0}, picks, "slip", 0.1, 2.0) == {"within": ""}
+    best, trusted = best_of(picks, "slip", 0.03, 2.0)
+    assert best is picks[2] and trusted == pytest.approx(0.01)
+    assert best_of(picks, "slip", 0.1, 2.0)[0] is picks[4]
+    assert best_of(picks, "slip", 0.001, 2.0) == (None, None)
+
+
+def test_medians_of_repeated_runs_are_compared():
+    """The least of many times is one by chance."""
+    found = compared([9.0, 12.0, 8.0], [4.0, 1.0, 3.1])
+    assert found["seconds"] == 9.0 and found["by_hand"] == 3.1 and found["within"] == "yes"
+    assert compared([9.4, 12.0, 8.0], [4.0, 1.0, 3.1])["within"] == "no"
