@@ -17,7 +17,7 @@ from scipy.linalg import lapack
 from .coulomb import FORWARD, OPEN, STICK, CoulombProblem, StateSystem
 
 FEW = 0.25  # part of the unknowns that rows may be for updates to pay
-LEAST = 1e-8  # ratio of pivots of M'_D W below which factors are made anew
+LEAST = 1e-8  # pivot of M'_D W, of which rows without change have 1, below which factors are new
 
 
 def nearly_in(problem: CoulombProblem, states: np.ndarray,
@@ -103,7 +103,7 @@ class Nearby:
             missed = stiff * (own.left(problem, rows, x) - right[rows])
             factor, pivots, failed = lapack.dgetrf(small)
             least = np.abs(factor.diagonal())
-            if failed or not least.min() > LEAST * least.max():
+            if failed or not least.min() > LEAST * max(least.max(), 1.0):
                 return None
             x -= W @ lapack.dgetrs(factor, pivots, missed)[0]
         own.put(problem, x)

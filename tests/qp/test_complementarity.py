@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 
 from driver.hard.oracle import box_qp
-from driver.qp import complementarity, pivots
+from driver.qp import complementarity, one_solution, pivots
 from driver.qp.complementarity import (
     all_solutions, approached, index, lemke, newton, search, settled)
 from driver.contact.states import OPEN, STICK
 from driver.qp.coulomb import BACKWARD, FORWARD, CoulombProblem, StateSystem
+from driver.qp.nearby import Nearby
 from driver.qp.one_solution import only_solution
 
 SEEDS = 20
@@ -504,14 +505,20 @@ def test_a_surface_that_turns_back_is_followed_by_softer_movements(nodes, togeth
 
 
 def counted(monkeypatch) -> list:
-    """A list that grows with every linear system that is solved."""
-    systems, solution_in = [], CoulombProblem.solution_in
+    """A list that grows with every linear system that is solved, by factors of its own or not."""
+    systems, factorize, solution = [], StateSystem.__init__, Nearby.solution
 
-    def solve(*given):
+    def make(*given):
         systems.append(1)
-        return solution_in(*given)
+        factorize(*given)
 
-    monkeypatch.setattr(CoulombProblem, "solution_in", solve)
+    def update(*given):
+        z = solution(*given)
+        systems.extend([1] * (z is not None))
+        return z
+
+    monkeypatch.setattr(StateSystem, "__init__", make)
+    monkeypatch.setattr(Nearby, "solution", update)
     return systems
 
 
@@ -542,6 +549,22 @@ def test_an_only_solution_takes_fewer_systems(friction, part, monkeypatch):
         assert np.array_equal(before, found[approached])
         assert_obeys(problem, before)
     assert taken[only_solution] <= part * taken[approached]
+
+
+def test_a_surface_that_closes_is_far_softer_than_its_nodes(monkeypatch):
+    """Under half the load all nodes would open again and close: movements count by little."""
+    systems, taken = counted(monkeypatch), []
+    for soft in (one_solution.SOFT, 1.0):
+        monkeypatch.setattr(one_solution, "SOFT", soft)
+        problem, z = halfspace(120, 0.3), np.zeros(240)
+        del systems[:]
+        for press in (1.0, 0.3, 2.0, 0.1):
+            problem.load[:120] = press - np.linspace(-1.2, 1.2, 120) ** 2
+            problem.load[120:] = 0.2 * press
+            z = only_solution(problem, z)
+            assert_obeys(problem, z)
+        taken.append(len(systems))
+    assert 2 * taken[0] <= taken[1]
 
 
 @pytest.mark.parametrize("friction, pressed, sheared, isolated", [

@@ -71,13 +71,17 @@ def test_many_changes_have_factors_of_their_own():
 
 
 def test_a_system_that_becomes_singular_is_not_updated():
-    """Two rows of the same movements: one may stick, or the other."""
-    C = np.eye(4)
-    C[2:, 2:] = 1.0
-    problem = CoulombProblem(C, np.ones(4), np.full(2, 0.3), np.arange(2))
-    problem.solution_in(np.array([STICK, FORWARD]), np.ones(2))
-    _, system = problem.latest[True]
-    assert Nearby(problem, system).solution(problem, np.full(2, STICK), np.ones(2)) is None
+    """Two rows of the same movements, but for rounding: one may stick, or the other."""
+    nodes = 12
+    C = np.eye(2 * nodes)
+    C[-2:, -2:] = [[1.0, 1.0], [1.0, 1.0 + 1e-13]]
+    problem = CoulombProblem(C, np.ones(2 * nodes), np.full(nodes, 0.3), np.arange(nodes))
+    states, sign = np.full(nodes, STICK), np.ones(nodes)
+    states[-1] = FORWARD
+    problem.solution_in(states, sign)
+    near = Nearby(problem, problem.latest[True][1])
+    assert near.solution(problem, states, sign) is not None
+    assert near.solution(problem, np.full(nodes, STICK), sign) is None
 
 
 def test_steps_of_a_drag_are_solved_with_few_factors(monkeypatch):

@@ -1,6 +1,7 @@
 """How many ranks solve what nobody gave a number of ranks for, and how they are started."""
 
 import json
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -53,12 +54,29 @@ def test_mpirun_keeps_its_files_where_no_other_one_does():
     """Of all runs of a user at a time one that ends would take away the place of one that starts.
     """
     place = environment.place_of_mpirun()
-    code = "import os; from mpi4py import MPI; " \
-           f"print(MPI.COMM_WORLD.size, *os.listdir('{place}'))"
+    code = ("import os; from mpi4py import MPI; comm = MPI.COMM_WORLD; ranks = comm.allreduce(1); "
+            f"comm.rank or print(ranks, *os.listdir('{place}'))")
     done = subprocess.run([*environment.mpirun(2), sys.executable, "-c", code], check=True,
                           env=environment.child_environment(), capture_output=True, text=True)
-    assert all(line.startswith("2 ompi.") for line in done.stdout.splitlines())
+    assert done.stdout.startswith("2 ompi.")
     other = subprocess.run([sys.executable, "-c", "from driver import environment as e; "
                             "print(e.place_of_mpirun())"], cwd=environment.ROOT, check=True,
                            capture_output=True, text=True).stdout.strip()
     assert other != place and Path(place).is_dir() and not Path(other).exists()
+
+
+@pytest.mark.parametrize("flags, asked, kernels", [
+    ("fpu avx avx2 fma", None, "HASWELL"), ("fpu avx fma", None, None), (None, None, None),
+    ("avx2 fma", "ZEN", "ZEN")])
+def test_kernels_of_openblas_are_the_same_where_they_run(flags, asked, kernels, tmp_path,
+                                                         monkeypatch):
+    """Not those that it takes for a processor that it does not know, unless they are asked for."""
+    cpu = tmp_path / "cpuinfo"
+    if flags is not None:
+        cpu.write_text(f"processor\t: 0\nflags\t\t: {flags}\n\nprocessor\t: 1\n")
+    monkeypatch.setattr(environment, "CPU", cpu)
+    monkeypatch.setenv("OPENBLAS_CORETYPE", asked or "")
+    if asked is None:
+        monkeypatch.delenv("OPENBLAS_CORETYPE")
+    environment.prepare_blas()
+    assert os.environ.get("OPENBLAS_CORETYPE") == kernels
