@@ -95,16 +95,24 @@ class Condensation:
             return None
         return GluingElimination(self.operator)
 
-    def glued(self, load: Load, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """x with the gluing multipliers of its contact multipliers, and its gradient: two products.
+    def glued(self, d: np.ndarray, x: np.ndarray,
+              gradient: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """x with the gluing multipliers of its contact multipliers, and its gradient: a product.
 
-        Where there is an `elimination`. Collective; raises NotConverged.
+        `gradient` is that at x, F x - `d`. Where there is an `elimination`. Collective; raises
+        NotConverged.
         """
         op, (first, last) = self.operator, self.operator.structure.row_range
         self.elimination.compliance()
-        residual = gather(op.comm, op.apply(x) - load.d)
-        x = x + self.elimination.change(residual)[first:last]
-        return x, op.apply(x) - load.d
+        x = x + self.elimination.change(gather(op.comm, gradient))[first:last]
+        return x, op.apply(x) - d
+
+    @functools.cached_property
+    def _responses(self) -> np.ndarray:
+        """(n + m, patterns) movements of the glued bodies by unit loads, without contact forces."""
+        loads = map(self.operator.elastic_response, np.eye(self.operator.structure.patterns))
+        moved = [-self.gather(self.glued(d, np.zeros_like(d), -d)[1]) for d in loads]
+        return np.reshape(moved, (-1, self.size)).T
 
     def compliance(self) -> np.ndarray:
         """C (n + m, n + m), computed at the first call. Raises NotConverged."""
@@ -156,6 +164,17 @@ class Condensation:
         The gradient on the gluing rows is taken as zero. Rigid motions of bodies without support
         are relative to those in `load`. Raises NotConverged if the compliance cannot be computed.
         """
+        if self.whole:
+            return self._under(load, self.gather(load.d))
+        return self._under(load, self.compliance() @ self.gather(x) - self.gather(gradient))
+
+    def problem_by_loads(self, load: Load) -> CoulombProblem:
+        """The same from the loads alone, to fewer digits; where there is an `elimination`."""
+        weights = load.weights[: self.operator.structure.patterns]
+        return self._under(load, self.gather(load.rest) + self._responses @ weights)
+
+    def _under(self, load: Load, d: np.ndarray) -> CoulombProblem:
+        """The condensed problem under the movements d (n + m,) that contact forces have to undo."""
         op, balance, rows = self.operator, None, self.rows
         if self._law is None or op.softness is not None:
             motions = np.column_stack([self.gather(d) for d in op.motions]) if op.modes else None
@@ -168,10 +187,6 @@ class Condensation:
             coefficient = self.of_tangential(rows.coefficient)
         if rows.offset is not None:
             offset = self.of_tangential(rows.offset)
-        if self.whole:
-            d = self.gather(load.d)
-        else:
-            d = self.compliance() @ self.gather(x) - self.gather(gradient)
         if op.modes:
             balance = load.weights[: op.structure.patterns] @ op.rigid_work[0]
         return self._law.under(self._opened(d), coefficient, balance, offset)

@@ -108,20 +108,18 @@ class Shortcut:
         return found
 
     def _found(self, load: Load, x: np.ndarray) -> tuple | None:
-        rows, qp = self.rows, self.qp
-        for number in range(PASSES + 1):
-            x, gradient = self.condensation.glued(load, x)
-            self.made = True
-            bound = rows.friction_bound(x)
-            residual = projected_gradient(x, gradient, *rows.limits_at(len(x), bound))
-            if number and qp.size(residual) <= qp.tol:
-                return x, gradient, rows.sliding(x, bound)
-            if number == PASSES:
-                return None
-            problem = self.condensation.problem(load, x, gradient)
-            start = problem.whole(self.condensation.gather(x))
-            z = one_solution.only_solution(problem, start)
+        rows, qp, condensation = self.rows, self.qp, self.condensation
+        problem = condensation.problem_by_loads(load)
+        self.made = True
+        for _ in range(PASSES):
+            z = one_solution.only_solution(problem, problem.whole(condensation.gather(x)))
             if z is None:
                 return None
-            x = self.condensation.place(z, x)
+            x = condensation.place(z, x)
+            x, gradient = condensation.glued(load.d, x, qp.operator.apply(x) - load.d)
+            bound = rows.friction_bound(x)
+            residual = projected_gradient(x, gradient, *rows.limits_at(len(x), bound))
+            if qp.size(residual) <= qp.tol:
+                return x, gradient, rows.sliding(x, bound)
+            problem = condensation.problem(load, x, gradient)
         return None

@@ -60,7 +60,8 @@ def test_approximations_go_on_where_newton_does_not_settle(built, steps_of, monk
     monkeypatch.setattr(shortcut, "LEAST", np.inf)
     _, (plain, *_) = steps_of(problem)
     assert np.array_equal(failed.multipliers, plain.multipliers)
-    assert failed.products == plain.products + 2  # gluing multipliers and what they leave
+    # what gluing multipliers leave of every load
+    assert failed.products == plain.products + problem.structure.patterns
 
 
 DRAGGED_PROBLEM = {"h": 0.8, "element": "P2", "subdomains": 4, "steps": 1}
@@ -132,14 +133,14 @@ def test_the_price_counts_free_rows(built, steps_of):
 
 
 def test_steps_after_an_elimination_begin_with_newton(built, steps_of, monkeypatch):
-    """Four products each, two for the gluing multipliers and two that show the residual, where they
-    took sixty; the answer is the same.
+    """Three products each, that of the start, one for the gluing multipliers and one that shows the
+    residual, where they took sixty; the answer is the same.
     """
     problem = built("tutorial", **DRAGGED_PROBLEM | {"subdomains": 8, "steps": 6})
     solver, short = steps_of(problem)
     assert solver.fixed_point.shortcut.made and solver.history.counts["condensed_steps"] == 6
     assert [step.fixed_point_iterations for step in short] == [3, 0, 0, 0, 0, 0]
-    assert max(step.products for step in short[1:]) <= 6
+    assert {step.products for step in short[1:]} == {3}
     monkeypatch.setattr(Shortcut, "begins", lambda *_: False)
     monkeypatch.setattr(shortcut, "LEAST", np.inf)
     plain, long = steps_of(problem)
@@ -148,6 +149,21 @@ def test_steps_after_an_elimination_begin_with_newton(built, steps_of, monkeypat
     for one, other in zip(short, long):
         np.testing.assert_allclose(one.multipliers, other.multipliers, rtol=0,
                                    atol=1e-5 * np.abs(other.multipliers).max())
+
+
+@pytest.mark.parametrize("scene, options", [("model", {"cells": 4}), ("punch", {"h": 0.2}),
+                                            ("tutorial", {"h": 1.6, "subdomains": 3})])
+def test_loads_alone_say_what_contact_forces_have_to_undo(built, steps_of, scene, options):
+    """As forces do that the gluing multipliers answer to: loads, travel, gaps and earlier slip."""
+    problem = built(scene, steps=2, **options)
+    solver, _ = steps_of(problem)
+    op, condensation = problem.operator, solver.condensation
+    load = solver.load(2, np.zeros(0), np.zeros(op.owned))
+    x = np.random.default_rng(1).standard_normal(op.owned)
+    x, gradient = condensation.glued(load.d, x, op.apply(x) - load.d)
+    exact = condensation.problem(load, x, gradient).load
+    rounding = 1e-11 * np.abs(condensation.compliance() @ condensation.gather(x)).max()
+    np.testing.assert_allclose(condensation.problem_by_loads(load).load, exact, atol=rounding)
 
 
 @pytest.mark.parametrize("made, tried, begins", [
