@@ -145,8 +145,8 @@ def prepare_blas() -> None:
     whatever OMP_NUM_THREADS says, for every few columns of a factor: on subdomains waiting for them
     takes three times as long as the work. Only the limit ends that. On processors that are newer
     than itself OpenBLAS takes kernels of 2004 (0.3.21 does from 2023 on): fronts take half as long
-    again as with those of Haswell, which no others beat here. They round alike on all that have
-    AVX2, so that results are the same there to the last bit.
+    again as with those of Haswell, which no others beat here. These round alike on all that have
+    AVX2: products and factors are the same there to the last bit.
     """
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
