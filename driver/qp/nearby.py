@@ -28,7 +28,7 @@ def nearly_in(problem: CoulombProblem, states: np.ndarray,
     """
     _, system = problem.latest.get(problem.rubs, (None, None))
     z = None
-    if system is not None and not problem.k:
+    if system is not None and len(system.free) and not problem.k:
         system.nearby = system.nearby or Nearby(problem, system)
         z = system.nearby.solution(problem, states, sign)
     return problem.solution_in(states, sign) if z is None else z

@@ -63,6 +63,9 @@ def test_many_changes_have_factors_of_their_own():
     exact = problem.solution_in(slides, np.ones(NODES))
     problem.solution_in(sticks, np.ones(NODES))
     assert np.array_equal(nearly_in(problem, slides, np.ones(NODES)), exact)
+    lifted = np.zeros(NODES, int)
+    for _ in range(2):  # all open: there is nothing to be solved
+        assert not nearly_in(problem, lifted, np.ones(NODES)).any()
     free = random_problem(1, 6, motions=2)
     free.solution_in(np.full(6, STICK), np.ones(6))
     states = np.array([STICK, STICK, STICK, STICK, STICK, BACKWARD])
