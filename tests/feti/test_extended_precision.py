@@ -107,7 +107,11 @@ def eliminated(K: np.ndarray, f: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("name", ["loose", "held", "free"])
 def test_gradients_of_stiff_parts_have_digits_that_products_lose(built, named_scene, name):
-    """Forces as in a step: they balance the load, so that the body moves by less than they do."""
+    """Forces as in a step: they balance the load, so that the body moves by less than they do.
+
+    Three digits more, but for the last bits of the way that the load alone would move it: products
+    round off some hundred of these, by the kernels of BLAS more or less.
+    """
     scene = {"loose": LOOSE, "held": HELD, "free": FREE}[name]
     problem = built(scene=named_scene(name, scene), **{} if name == "free" else {"cells": 2})
     operator, contact = problem.operator, problem.structure.contact
@@ -125,7 +129,8 @@ def test_gradients_of_stiff_parts_have_digits_that_products_lose(built, named_sc
     product, refined = operator.apply(x) - load.d, operator.gradient(x, load)
     rows = contact.normal_row[contact.normal_row >= 0]
     missed, left = (np.abs(of - truth)[rows].max() for of in (product, refined))
-    assert left <= 1e-3 * missed
+    last = 4 * np.finfo(float).eps * np.abs(load.d).max()
+    assert left <= 1e-2 * missed and left <= max(1e-3 * missed, last)
     before = operator.products
     operator.gradient(x, load)
     assert operator.products == before + 1 + extended_precision.PASSES
