@@ -68,7 +68,19 @@ LONGEST = ("test_cli", "test_hard", "test_model", "test_resume", "test_scenes_bo
 
 
 def pytest_collection_modifyitems(config, items):
-    """In a parallel session the longest files come first."""
+    """Of tests with a mark `some` a few parameter sets run by default, evenly spread, the others with
+    the slow ones. In a parallel session the longest files come first.
+    """
+    alike = {}
+    for item in items:
+        if item.get_closest_marker("some") and not item.get_closest_marker("slow"):
+            alike.setdefault((item.path, item.originalname), []).append(item)
+    for sets in alike.values():
+        count = sets[0].get_closest_marker("some").args[0]
+        chosen = {len(sets) * k // count for k in range(count)}
+        for number, item in enumerate(sets):
+            if number not in chosen:
+                item.add_marker("slow")
     if hasattr(config, "workerinput"):
         rank = {name: number for number, name in enumerate(LONGEST)}
         items.sort(key=lambda item: rank.get(item.path.stem, len(LONGEST)))

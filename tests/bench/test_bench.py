@@ -57,6 +57,7 @@ def test_assembled_problem_moves_like_the_torn_one(bench):
 
 
 @pytest.mark.parametrize("scene, element", [("tutorial", "P2"), ("bracket", "P1")])
+@pytest.mark.some(1)
 def test_plain_script_moves_like_the_suite_without_contact(tmp_path, scene, element):
     """Supports, prescribed motion, traction, body force, histories, materials: the same equations.
     """

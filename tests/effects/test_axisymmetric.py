@@ -255,6 +255,7 @@ macro contactPair() 11, 3 //
 
 
 @pytest.mark.parametrize("options", [{}, {"subdomains": 7, "np": 2}])
+@pytest.mark.some(1)
 def test_hertz_sphere(solved, options):
     """a^3 = 3 P R/(4 E'), p0 = 3 P/(2 pi a^2) for the force P: 15 nodes under it, half of one."""
     run = solved("sphere", friction=0, steps=1, h=0.002, **options)
@@ -414,6 +415,7 @@ ENERGY = 2 * np.pi * 1.0 * 0.5 * 3.0 * 1.3 / E * (0.4 + 4)  # of the tube: press
 
 
 @pytest.mark.parametrize("element", ELEMENTS)
+@pytest.mark.some(1)
 def test_estimated_error_is_the_true_one(solved, scene, element):
     """||u||^2 - ||u_h||^2 is the square of the error, as loads alone act on the tube.
 

@@ -37,6 +37,7 @@ include "export.idp"
 
 @pytest.mark.parametrize("options", [{}, {"element": "P2", "subdomains": 5}, {"np": 2},
                                      {"asperities": 1e-1}, {"asperities": 1e7}])
+@pytest.mark.some(3)
 def test_uniform_block_closes_by_p_over_c(solved, scene, options):
     run = solved(scene(BLOCK), cells=4, **TIGHT, **options)
     c = run.contact

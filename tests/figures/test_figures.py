@@ -258,6 +258,7 @@ def test_drawing_again_gives_the_same_files(tmp_path):
      "contact_tangential", "contact_status", "history"}),
     ({"time": "static"}, {"loading", "contact_status", "history"}),
 ])
+@pytest.mark.some(2)
 def test_what_the_scene_does_not_declare_is_not_drawn(tmp_path, change, absent):
     run = figures.read_run(make_run(tmp_path / "run", steps=3, **change))
     assert list(figures.wanted(run)) == [n for n in ALL if n not in absent]

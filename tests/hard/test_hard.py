@@ -43,6 +43,7 @@ def here(monkeypatch):
     pytest.param(case, id=case.name, marks=[pytest.mark.slow] * (number % 3 > 0))
     for number, case in enumerate(FAST)])
 @pytest.mark.usefixtures("here")
+@pytest.mark.some(8)
 def test_fast(case, tmp_path):
     row = suite.judge(case, case.sizes[0], tmp_path)
     assert row.status == ("refused" if case.status else "solved"), row.why

@@ -362,6 +362,7 @@ def test_refusals_are_confirmed(problem, push, holds):
 
 
 @pytest.mark.parametrize("modes", [0, 1, 3])
+@pytest.mark.some(1)
 def test_states_are_searched_as_if_all_were_tried(modes):
     """Three nodes with friction up to F = 4, held or not: the same verdict on 30 random problems.
 

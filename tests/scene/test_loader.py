@@ -826,6 +826,7 @@ def test_reading_part_of_the_subdomains(exported):
     ("E", lambda x, y: 1.0), ("(x > 1.2 ? 2. : 1.)*E", lambda x, y: 1.0 + (x > 1.2)),
     ("E*(1 + x)", lambda x, y: 1 + x),
     ("(x > 1.2 && y < 0.4 ? 1.0001 : 1.)*E", lambda x, y: 1.0 + 1e-4 * (x > 1.2 and y < 0.4))])
+@pytest.mark.some(2)
 def test_pieces_share_a_stiffness_only_where_it_is_theirs(variant, exported, read, young, factor):
     """Pieces of a rectangle reuse stiffness and elasticity of piece 0: right for every material,
     the same on any ranks.

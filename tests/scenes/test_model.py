@@ -46,6 +46,7 @@ def expected(built):
 
 @pytest.mark.parametrize("loading", LOADINGS)
 @pytest.mark.parametrize("subdomains, steps", [("4x2", 20), ("8x4", 20)])
+@pytest.mark.some(2)
 def test_tractions_and_displacements_equal_the_dense_solution(solved, expected, loading, subdomains,
                                                               steps):
     """Relative error at most cond F (3e3, 8e3) times the tolerance 1e-11, several times that in the
@@ -211,6 +212,7 @@ MESHES = [{"subdomains": "8x4", "cells": 5}, {"subdomains": "2x1", "cells": 20},
 
 @pytest.mark.parametrize("other", MESHES, ids=lambda p: p["subdomains"])
 @pytest.mark.parametrize("loading", LOADINGS)
+@pytest.mark.some(3)
 def test_partition_makes_no_difference(solved, loading, other):
     """40 x 20 cells however cut; the answers differ by cond F times rtol at most (see the oracle
     test).
@@ -259,6 +261,7 @@ def with_units(variant, length, stress):
 
 @pytest.mark.parametrize("loading", LOADINGS)
 @pytest.mark.parametrize("length, stress", [(1, 1e6), (1e-3, 1), (1e-3, 1e6), (1e3, 1e-3)])
+@pytest.mark.some(3)
 def test_units_make_no_difference(solved, variant, loading, length, stress):
     """Pa to MPa, m to mm, both (N, mm, MPa), and something silly: same answers, same counts of
     every kind.
@@ -304,6 +307,7 @@ SLIDES = {"4x2": {"monotone": (135, 6515), "nonmonotone": (120, 5565)},
     ("4x2", PLAIN), ("4x2", {}), ("8x4", {}),
     pytest.param("8x4", PLAIN, marks=pytest.mark.slow)],
     ids=["4x2 plain", "4x2 default", "8x4 default", "8x4 plain"])
+@pytest.mark.some(3)
 def test_counts_are_not_above_the_slides(solved, subdomains, loading, method):
     found = solved(loading=loading, subdomains=subdomains, **method)
     assert found.status == 0, found.reason

@@ -30,6 +30,7 @@ def nodal_error(run, exact) -> float:
     {"tilt": 10, "element": "P2"}, {"tilt": -12, "ratio": 0.6, "subdomains": "3x2",
                                     "element": "P2"},
     {"tilt": 5, "ratio": 2.7, "subdomains": 9, "element": "P2"}], ids=str)
+@pytest.mark.some(5)
 def test_contact_patch_test(solved, options):
     """Constant stress passes between any two meshes; what remains is the QP's tolerance over its
     conditioning.
