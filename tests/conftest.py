@@ -68,8 +68,8 @@ LONGEST = ("test_cli", "test_hard", "test_model", "test_resume", "test_scenes_bo
 
 
 def pytest_collection_modifyitems(config, items):
-    """Of tests with a mark `some` a few parameter sets run by default, evenly spread, the others with
-    the slow ones. In a parallel session the longest files come first.
+    """Of tests with a mark `some` a few parameter sets run by default, evenly spread, the others
+    with the slow ones. In a parallel session the longest files come first.
     """
     alike = {}
     for item in items:
