@@ -60,8 +60,8 @@ class CoulombProblem:
     (m,), None: zero. `bilateral` (n,), or all alike: lambda_n of any sign and over = 0; the
     friction bound is c + F |lambda_n|. `motions` R (n + m, k) and `balance` L (k,) are of bodies
     without support. Solutions are vectors z = (lambda_n, lambda_t, beta) of n + m + k numbers.
-    `latest`: the latest systems, by what they are of, with friction that pressures bound or not,
-    of all problems that `under` makes.
+    `latest`: what the latest systems are of, these, and a list of what is kept beside them, with
+    friction that pressures bound or not, of all problems that `under` makes.
     """
 
     compliance: np.ndarray
@@ -192,7 +192,7 @@ class CoulombProblem:
         parts = (states, sign, self.coefficient, self.offset)
         key = b"".join(part.tobytes() for part in parts if part is not None)
         if self.latest.get(self.rubs, (None,))[0] != key:
-            self.latest[self.rubs] = key, StateSystem(self, states, sign)
+            self.latest[self.rubs] = key, StateSystem(self, states, sign), []
         return self.latest[self.rubs][1]
 
     @property
@@ -282,7 +282,7 @@ class StateSystem:
 
     def __init__(self, problem: CoulombProblem, states: np.ndarray, sign: np.ndarray):
         n, C, state = problem.n, problem.compliance, states[problem.pair]
-        self.states, self.sign, self.nearby = states, sign, None  # nearby.py keeps its own there
+        self.states, self.sign = states, sign
         touching, sliding = states > OPEN, np.flatnonzero(state > STICK)
         self.rows, self.motions = problem.rows, problem.motions
         free = np.concatenate([touching, np.abs(state) == STICK])

@@ -26,11 +26,12 @@ def nearly_in(problem: CoulombProblem, states: np.ndarray,
 
     To the digits of the latest factors where few rows differ and no motion is free.
     """
-    _, system = problem.latest.get(problem.rubs, (None, None))
+    _, system, kept = problem.latest.get(problem.rubs, (None, None, None))
     z = None
     if system is not None and len(system.free) and not problem.k:
-        system.nearby = system.nearby or Nearby(problem, system)
-        z = system.nearby.solution(problem, states, sign)
+        if not kept:  # not by the system itself, which would stay until cycles are looked for
+            kept.append(Nearby(problem, system))
+        z = kept[0].solution(problem, states, sign)
     return problem.solution_in(states, sign) if z is None else z
 
 

@@ -1,5 +1,8 @@
 """Linear systems of states near factorized ones, against factors of their own."""
 
+import gc
+import weakref
+
 import numpy as np
 import pytest
 from test_complementarity import halfspace, random_problem
@@ -44,7 +47,7 @@ def test_few_changes_are_those_of_new_factors(kind, count):
     if kind == "bilateral":
         sign[:2] *= -1.0
     near = nearly_in(problem, states, sign)
-    assert next(iter(problem.latest.values()))[1].nearby is not None, "factors were made anew"
+    assert problem.latest[problem.rubs][2], "factors were made anew"
     exact = problem.solution_in(states, sign)
     # rounding times the condition of systems of some 60 rows, 1e4 here, with room
     np.testing.assert_allclose(near, exact, rtol=0, atol=1e-10 * np.abs(exact).max())
@@ -55,7 +58,7 @@ def test_many_changes_have_factors_of_their_own():
     problem = halfspace(NODES, 0.4)
     sticks, slides = np.full(NODES, STICK), np.full(NODES, FORWARD)
     problem.solution_in(sticks, np.ones(NODES))
-    _, system = problem.latest[True]
+    _, system, _ = problem.latest[True]
     few = int(FEW * 2 * NODES)
     states = np.where(np.arange(NODES) < few, FORWARD, STICK)
     assert Nearby(problem, system).solution(problem, states, np.ones(NODES)) is not None
@@ -85,6 +88,21 @@ def test_a_system_that_becomes_singular_is_not_updated():
     near = Nearby(problem, problem.latest[True][1])
     assert near.solution(problem, states, sign) is not None
     assert near.solution(problem, np.full(nodes, STICK), sign) is None
+
+
+def test_systems_go_when_others_come():
+    """At once: each is as large as the compliance, and cycles are looked for seldom."""
+    problem, states = halfspace(NODES, 0.4), np.full(NODES, STICK)
+    problem.solution_in(states, np.ones(NODES))
+    system = weakref.ref(problem.latest[True][1])
+    nearly_in(problem, np.where(np.arange(NODES) < 2, FORWARD, STICK), np.ones(NODES))
+    assert problem.latest[True][1] is system() and problem.latest[True][2]
+    gc.disable()
+    try:
+        problem.solution_in(np.full(NODES, FORWARD), np.ones(NODES))
+        assert system() is None
+    finally:
+        gc.enable()
 
 
 def test_steps_of_a_drag_are_solved_with_few_factors(monkeypatch):
