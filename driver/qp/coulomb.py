@@ -23,10 +23,11 @@ motion that no row with force or sticking feels stays as it is: the bodies may r
 """
 
 from dataclasses import dataclass, field
-from enum import IntEnum
 
 import numpy as np
 from scipy.linalg import lapack
+
+from .equations import BACKWARD, FORWARD, OPEN, STICK, Equations
 
 ROUNDING = 1e-9  # relative violation of the law that rounding of small dense systems may leave
 ROUNDED = 1e-5  # part of any load that counts as a force: times ROUNDING that of rounding
@@ -35,21 +36,6 @@ SINGULAR = 1e-10  # ratio of the least to the largest pivot of a system that may
 NONE = 1e-14  # such a ratio of pivots that are rounding
 CONSISTENT = 1e-6  # relative residual below which a singular system may have solutions
 SLIGHT = 1e-9  # part of a motion's reach below which rows do not feel it
-
-
-class State(IntEnum):
-    """State of a node: open, or in contact and sticking or sliding by the sign of lambda_t.
-
-    The negative of one in contact: open, and sticking or sliding by the friction bound's offset.
-    """
-
-    OPEN = 0
-    STICK = 1
-    FORWARD = 2
-    BACKWARD = 3
-
-
-OPEN, STICK, FORWARD, BACKWARD = (int(state) for state in State)  # plain numbers are fast
 
 
 @dataclass
@@ -281,29 +267,25 @@ class StateSystem:
     """
 
     def __init__(self, problem: CoulombProblem, states: np.ndarray, sign: np.ndarray):
-        n, C, state = problem.n, problem.compliance, states[problem.pair]
-        self.states, self.sign = states, sign
-        touching, sliding = states > OPEN, np.flatnonzero(state > STICK)
+        n, C = problem.n, problem.compliance
+        self.equations = equations = Equations(problem, states, sign)
         self.rows, self.motions = problem.rows, problem.motions
-        free = np.concatenate([touching, np.abs(state) == STICK])
+        free, sliding = equations.still, np.flatnonzero(equations.slides)
         self.free = np.flatnonzero(free)
         self.sliding, self.node = n + sliding, problem.pair[sliding]
-        self.bound = np.where(state[sliding] == FORWARD, 1.0, -1.0) * problem.coefficient[sliding]
-        self.slope = slope = self.bound * sign[self.node]
+        self.bound, self.slope = equations.bound[sliding], equations.slope[sliding]
         self.turn = problem.held(states) / problem.reach[:, None]
-        columns, place = C.compress(free, 1), np.cumsum(touching) - 1
+        columns, place = C.compress(free, 1), np.cumsum(free[:n]) - 1
         self.given = None  # forces (n + m,) of offsets and the movement of the free rows by them
         if problem.offset is not None:
-            sign = np.where(np.abs(state) == FORWARD, 1.0, -1.0)
-            given = np.where(np.abs(state) > STICK, sign * problem.offset, 0.0)
-            self.given = np.append(np.zeros(n), given)
+            self.given = np.append(np.zeros(n), equations.given)
             self.given_movement = columns.T @ self.given
         transposed = columns.compress(free, 0)  # C is symmetric
-        transposed[place[self.node]] += slope[:, None] * columns[self.sliding]
+        transposed[place[self.node]] += self.slope[:, None] * columns[self.sliding]
         if problem.k:
             force = problem.motions @ self.turn
             work = force.copy()
-            work[self.node] += slope[:, None] * work[self.sliding]
+            work[self.node] += self.slope[:, None] * work[self.sliding]
             border = np.zeros((force.shape[1],) * 2)
             transposed = np.block([[transposed, work[self.free]], [-force[self.free].T, border]])
         self.scale = np.sqrt(problem.rigidity[free])

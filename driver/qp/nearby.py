@@ -1,8 +1,7 @@
 """Linear systems of states that differ from factorized ones at few nodes.
 
-For every row i the law in given states is an equation: the row does not move, (C x)_i = d_i, or its
-force is given, x_i = slope x_node + c (coulomb.py). Where states change so do the equations of some
-rows D, M' = M + E_D V, and with the factors of M
+In given states the law is an equation for every row (equations.py). Where states change so do those
+of some rows D, M' = M + E_D V, and with the factors of M
 
     x = y - W (M'_D W)^-1 (M'_D y - r_D),        W = M^-1 E_D,      M y = r but for the rows D
 
@@ -14,7 +13,8 @@ Digits are those of M: Newton's method takes its steps by it and ends with facto
 import numpy as np
 from scipy.linalg import lapack
 
-from .coulomb import FORWARD, OPEN, STICK, CoulombProblem, StateSystem
+from .coulomb import CoulombProblem, StateSystem
+from .equations import Equations
 
 FEW = 0.25  # part of the unknowns that rows may be for updates to pay
 LEAST = 1e-8  # pivot of M'_D W, of which rows without change have 1, below which factors are new
@@ -30,58 +30,18 @@ def nearly_in(problem: CoulombProblem, states: np.ndarray,
     z = None
     if system is not None and len(system.free) and not problem.k:
         if not kept:  # not by the system itself, which would stay until cycles are looked for
-            kept.append(Nearby(problem, system))
+            kept.append(Nearby(system, problem.rows))
         z = kept[0].solution(problem, states, sign)
     return problem.solution_in(states, sign) if z is None else z
-
-
-class Equations:
-    """What the law says of every row of a `problem` without free motions in given states."""
-
-    def __init__(self, problem: CoulombProblem, states: np.ndarray, sign: np.ndarray):
-        """`states` and `sign` of lambda_n (n,)."""
-        state = states[problem.pair]
-        way = np.where(np.abs(state) == FORWARD, 1.0, -1.0) * (np.abs(state) > STICK)
-        # rows that do not move
-        self.still = np.concatenate([states > OPEN, np.abs(state) == STICK])
-        self._bound = np.where(state > STICK, way * problem.coefficient, 0.0)
-        self.slope = self._bound * sign[problem.pair]
-        self.given = np.zeros(problem.m) if problem.offset is None else way * problem.offset
-
-    def unlike(self, other: "Equations") -> np.ndarray:
-        """The rows whose left sides differ."""
-        return np.flatnonzero((self.still != other.still) | np.append(
-            np.zeros(len(self.still) - len(self.slope), bool), self.slope != other.slope))
-
-    def left(self, problem: CoulombProblem, rows: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Left sides (len(rows), ...) of `rows` at x (n + m, ...)."""
-        n, still = problem.n, self.still[rows]
-        result = x[rows].copy()
-        result[still] = problem.compliance[rows[still]] @ x
-        along = np.flatnonzero(~still & (rows >= n))
-        t = rows[along] - n
-        result[along] -= (self.slope[t] * x[problem.pair[t]].T).T
-        return result
-
-    def right(self, problem: CoulombProblem) -> np.ndarray:
-        """Right sides (n + m,)."""
-        return np.where(self.still, problem.load, np.append(np.zeros(problem.n), self.given))
-
-    def put(self, problem: CoulombProblem, x: np.ndarray) -> None:
-        """Give the forces in x (n + m,) that are given exactly, in place."""
-        n = problem.n
-        force = np.append(np.zeros(n), self._bound * np.abs(x[problem.pair]) + self.given)
-        x[~self.still] = force[~self.still]
 
 
 class Nearby:
     """Solutions by the factors of one `system` of a problem without free motions."""
 
-    def __init__(self, problem: CoulombProblem, system: StateSystem):
-        self._system = system
-        self._equations = Equations(problem, system.states, system.sign)
-        self._place = np.full(problem.rows, -1)  # of a row's column of W
-        self._W = np.empty((problem.rows, 0))
+    def __init__(self, system: StateSystem, rows: int):
+        """`rows`: n + m of the problem."""
+        self._system, self._equations = system, system.equations
+        self._place, self._W = np.full(rows, -1), np.empty((rows, 0))  # of a row its column of W
 
     def solution(self, problem: CoulombProblem, states: np.ndarray,
                  sign: np.ndarray) -> np.ndarray | None:

@@ -61,8 +61,8 @@ def test_many_changes_have_factors_of_their_own():
     _, system, _ = problem.latest[True]
     few = int(FEW * 2 * NODES)
     states = np.where(np.arange(NODES) < few, FORWARD, STICK)
-    assert Nearby(problem, system).solution(problem, states, np.ones(NODES)) is not None
-    assert Nearby(problem, system).solution(problem, slides, np.ones(NODES)) is None
+    assert Nearby(system, problem.rows).solution(problem, states, np.ones(NODES)) is not None
+    assert Nearby(system, problem.rows).solution(problem, slides, np.ones(NODES)) is None
     exact = problem.solution_in(slides, np.ones(NODES))
     problem.solution_in(sticks, np.ones(NODES))
     assert np.array_equal(nearly_in(problem, slides, np.ones(NODES)), exact)
@@ -85,7 +85,7 @@ def test_a_system_that_becomes_singular_is_not_updated():
     states, sign = np.full(nodes, STICK), np.ones(nodes)
     states[-1] = FORWARD
     problem.solution_in(states, sign)
-    near = Nearby(problem, problem.latest[True][1])
+    near = Nearby(problem.latest[True][1], problem.rows)
     assert near.solution(problem, states, sign) is not None
     assert near.solution(problem, np.full(nodes, STICK), sign) is None
 
