@@ -34,9 +34,9 @@ def still_balances(rows: ContactRows, motions: np.ndarray, work: np.ndarray, siz
                    x: np.ndarray, comm) -> bool:
     """Whether contact forces near those of the step before, multipliers x (owned,), balance loads.
 
-    Each may change by a part of itself, or of its friction bound: by the least in all. That is
-    enough, and no linear program, where what holds the bodies hardly changes; it is not needed for
-    "yes". Arguments as of `rigid_equilibrium`. Collective; the same answer on every rank.
+    Each may change by a part of itself, or of its friction bound: by the least in all. Yes needs no
+    linear program then; no may still be yes by other forces. Arguments as of `rigid_equilibrium`.
+    Collective; the same answer on every rank.
     """
     motions = _felt(rows, motions)
     normal, tangential = motions[rows.normal], motions[rows.tangential]

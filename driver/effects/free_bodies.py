@@ -39,7 +39,8 @@ class FreeBodies:
         self.placed = np.zeros((len(operator.structure.travel.bodies.size), 3))
         self._latest = Latest()
 
-    def can_rest(self, index: int, weights: np.ndarray, last: np.ndarray | None = None):
+    def can_rest(self, index: int, weights: np.ndarray,
+                 last: np.ndarray | None = None) -> np.ndarray:
         """Rigid motion (modes,) that closes gaps until contact balances the loads `weights`.
 
         Zero where forces near the `last` multipliers (owned,), if given, do so. Raises NoSolution

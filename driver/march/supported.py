@@ -11,7 +11,8 @@ class SupportedBodies:
 
     placed = np.zeros((0, 3))  # see FreeBodies
 
-    def can_rest(self, index: int, weights: np.ndarray, last: np.ndarray | None = None):
+    def can_rest(self, index: int, weights: np.ndarray,
+                 last: np.ndarray | None = None) -> np.ndarray:
         """No motion (0,)."""
         return np.zeros(0)
 
