@@ -30,12 +30,12 @@ What follows depends on whether meshes tell an order, without turning back:
 
 told        they know how errors cancel, on contact states of their own: a claim is not below NET
             times net, nor above Cauchy's and Schwarz' bound, twice the product over SEES squared
-not told    two meshes, differences that turn, do not fall, or fall faster than they can: coarse
-            meshes agree, or differ by far more than they err, by chance. The adjoint problem speaks
-            alone. Errors of contact forces lie at the ends of contact, where smoothed stresses are
-            of lower order, and how they cancel hangs on the state: the claim is gross over SEES
-            squared. Those of a displacement lie in the body: the larger of net over SEES squared
-            and gross
+not told    two meshes, differences that turn, hardly fall (caution.py), or fall faster than they
+            can: coarse meshes agree, or differ by far more than they err, by chance. The adjoint
+            problem speaks alone. Errors of contact forces lie at the ends of contact, where
+            smoothed stresses are of lower order, and how they cancel hangs on the state: the claim
+            is gross over SEES squared. Those of a displacement lie in the body: the larger of net
+            over SEES squared and gross
 
 Peaks err below one node, where smoothed stresses are of lower order than the pressure: they have a
 limit from above alone, PEAK times gross; slip adds up over steps, of which the adjoint problem

@@ -38,7 +38,7 @@ import numpy as np
 from ..results.touch import Touch
 from . import sharp_ends
 from .adjoint import held
-from .budget import (CAUTION, SAFETY, UNBOUNDED, Part, extrapolate, formal_order, located)
+from .budget import (CAUTION, SAFETY, UNBOUNDED, UNSETTLED, Part, extrapolate, formal_order, located)
 
 LOCKED = 2.0  # lambda / mu (Poisson's ratio 1/3) from which linear elements are too stiff
 ROUGH, STEEP = 0.25, 2.0  # relative error in energy from which caution grows, and how fast
@@ -55,6 +55,9 @@ SHEAR = 0.25  # of the square of the relative error in energy times the pressing
 BALANCE = 1e-5  # of the pressing force: what tolerances leave of forces that loads give
 LONE = "two meshes say nothing of it"
 GRAZES = "the mesh is too coarse: it may touch"
+# half of what the strongest stresses of one material leave: by chance rather than an order; adjoint
+# problems, which see the stresses themselves, then speak alone
+NO_ORDER = UNSETTLED / 2
 FAST = 2.0  # their order on two meshes of quadratic elements, or of two cycles
 
 
@@ -179,7 +182,8 @@ class Caution:
         part = extrapolate(changes, ratios, formal, value, name not in UNBOUNDED, singular,
                            caution, FAST if fast else 1.0)
         falls = len(changes) > 1 and changes[0] * changes[1] > 0
-        told = falls and part.order is not None and 0 < part.order <= formal
+        slowest = NO_ORDER if self.sizes and name in HELD else 0.0
+        told = falls and part.order is not None and slowest < part.order <= formal
         part = self._doubted(part, told)
         slack = np.inf if self.chords else self.stiff  # for what smoothed stresses do not see
         told |= name not in HELD

@@ -8,7 +8,7 @@ from pathlib import Path
 from ..errors import DriverError, NoSolution, error_of
 from ..estimates.budget import share
 from ..results.summary import largest_memory
-from . import goal
+from . import goal, trials
 from .request import Request
 
 
@@ -20,7 +20,7 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
     clock = time.perf_counter()
     root = comm.rank == 0
     settings = Settings(**{"uniqueness": "no", **request.settings})
-    levels = Levels(Path(request.script), {**request.parameters, "sampling": str(goal.SAMPLING)},
+    levels = Levels(Path(request.script), {**request.parameters, "sampling": str(trials.SAMPLING)},
                     directory / "levels", comm, settings, without=request.without)
 
     def say(line: str) -> None:
@@ -51,7 +51,7 @@ class Tried:
         self.settings = search.scaled(search.settings, search.stride)
         self.effects, self.knob = search.effects, search.knob
         self.meshes = [search.mesh(size) for size in search.sizes[:-4:-1]]
-        self.base, self.values = self.meshes[1], search._values(search.sizes[-1])
+        self.base, self.values = self.meshes[1], search.values(search.sizes[-1])
         self.levels.problems[()] = problem
         self.coarse_stride = self.stride(2)
 
@@ -63,7 +63,7 @@ class Tried:
         """A run on a mesh at every `stride`-th of the chosen steps, None if it fails."""
         try:
             if mesh in self.meshes:
-                return self.search._level(mesh[self.knob], self.search.stride * stride)
+                return self.search.level(mesh[self.knob], self.search.stride * stride)
             return self.levels.run(self.settings, self.search.stride * stride, **mesh)
         except DriverError:
             return None
@@ -76,7 +76,7 @@ def _prices(search: goal.Search, problem, output: float, memory: float, idle: fl
 
     key = tuple(sorted(search.mesh(search.sizes[-1]).items()))
     seconds = {"export": 0.0, "setup": 0.0, **search.levels.spent.get(key, {}), "output": output,
-               "solve": search._level(search.sizes[-1]).seconds}
+               "solve": search.level(search.sizes[-1]).seconds}
     return price_list(Tried(search, problem), search.parts, search.budget(), search.name,
                       Measured.of(seconds, problem.manifest), memory, idle)
 
@@ -89,7 +89,7 @@ def _write(directory: Path, request: Request, search: goal.Search, status: int, 
     from ..results.writer import Writer
 
     begun, size, levels = time.perf_counter(), search.mesh(search.sizes[-1]), search.levels
-    comm, level = levels.comm, search._level(search.sizes[-1])
+    comm, level = levels.comm, search.level(search.sizes[-1])
     problem = _as_asked(search, levels.problem(**size))
     writer = Writer(directory, problem.manifest, problem.operator, level.solver, request.fields)
     states, energies = zip(*(writer.add(step) for step in level.steps))
