@@ -38,7 +38,8 @@ import numpy as np
 from ..results.touch import Touch
 from . import sharp_ends
 from .adjoint import held
-from .budget import (CAUTION, SAFETY, UNBOUNDED, UNSETTLED, Part, extrapolate, formal_order, located)
+from .budget import (CAUTION, SAFETY, UNBOUNDED, UNSETTLED, Part, extrapolate, formal_order,
+                     located)
 
 LOCKED = 2.0  # lambda / mu (Poisson's ratio 1/3) from which linear elements are too stiff
 ROUGH, STEEP = 0.25, 2.0  # relative error in energy from which caution grows, and how fast
