@@ -258,8 +258,9 @@ class QuasistaticSolver:
         self.scales.renew(d=load.extent)
         try:
             start = x, moved - load.d, sliding
-            x, gradient, moved, residuals = self.closure.settled(index, load, start, trace,
-                                                                 self._settled)
+            answer = self._kept(load, *start[:2]) if self._holds(index) else None
+            x, gradient, moved, residuals = answer or self.closure.settled(
+                index, load, start, trace, self._settled)
             self.history.counts["condensed_steps"] += bool(trace.shortcut)
             self._examine(index, load, x, gradient, trace)
             self.bodies.note_loose_motion(index, x)
@@ -273,6 +274,24 @@ class QuasistaticSolver:
         return Step(index, float(self.times[index]), load.weights, x, gradient, rows.states(x),
                     rows.law_bound(x), trace.iterations, op.products - products,
                     trace.contraction, residuals, moved, trace.refined), error
+
+    def _holds(self, index: int) -> bool:
+        """Whether loads and obstacles stay what they were at the end of the step before.
+
+        The state that it ended in then is the solution: nothing slides, and friction that was at
+        its bound stays there. Solved anew, its own error would be a slip, and forces of stiff parts
+        would drift from step to step.
+        """
+        return (index > 1 and self.contact.motion is None and not self.effects.closes
+                and np.array_equal(self.amplitudes[index], self.amplitudes[index - 1]))
+
+    def _kept(self, load: Load, x, gradient):
+        """As `_settled` from x, whose nodes do not slide, if residuals are small enough; else None.
+        """
+        still = gradient.copy()
+        still[self.rows.tangential] = 0.0
+        residuals = self.residuals.of(load, x, still)
+        return (x, still, np.zeros_like(x), residuals) if self.residuals.enough(residuals) else None
 
     def _settled(self, index: int, load: Load, x, gradient, sliding, trace: Trace):
         """As `_earned`, with bodies without support where their forces move them least."""

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from driver.contact.states import SLIP
 from driver.march.condensed_search import CondensedSearch
 from driver.results.record import Record
 
@@ -40,6 +41,29 @@ macro load1() traction(21, 4.528e-05, -8.916e-05) //
 macro bodyForce2() [4.528e-06, -8.916e-06] //
 macro contact() 1, 11 //
 macro friction() 0.5 //
+include "export.idp"
+"""
+# a soft block and a stiff one on a floor, pushed aside by loads that stay from t = 0.2 on
+PUSHED = """include "scene.idp"
+units("m", "Pa");
+subdomains("4");
+quasistatic(1.);
+int[int] of0 = [1, 11, 21, 31], of1 = [101, 111, 121, 131];
+mesh m0 = square(5, 4, [1.268 * x, 0.6877 * y], label = of0);
+mesh m1 = square(5, 5, [1.268 + 0.8286 * x, 0.79842 * y], label = of1);
+m1 = change(m1, fregion = 1);
+addBody(m0)
+addBody(m1)
+macro young() (region == 1 ? 1e3 : 1.) //
+macro poisson() 0.3 //
+macro support() on(111, u1 = 0., u2 = 0.) //
+macro load1() traction(31, 8.6e-4, -5.2e-4) //
+macro amplitude1(t) min(5.*t, 1.) //
+macro contact() 1, 101 //
+macro contactPair() 11, 131 //
+macro friction() 0.5 //
+macro foundation() 21 //
+macro foundationNormal() 0.01 //
 include "export.idp"
 """
 # a stiff block without support but weak springs, on soft ones
@@ -221,3 +245,18 @@ def test_refined_displacements_are_those_of_factors_but_for_rounding(built, step
     refined, plain = (np.concatenate(problem.operator.deformations(
         step.multipliers, step.weights, refined=way)) for way in (True, False))
     assert 0 < np.abs(refined - plain).max() <= 1e-2 * np.abs(plain).max()
+
+
+def test_loads_that_stay_leave_the_state_as_it_is(built, steps_of, named_scene):
+    """To the bit, by the one product that shows it: the error of a step is no slip of the next."""
+    problem = built(scene=named_scene("pushed", PUSHED), element="P2-mixed", steps=5)
+    solver, steps = steps_of(problem, **TIGHT)
+    assert solver.failure is None
+    first, *later = steps
+    assert SLIP in first.status
+    for step in later:
+        np.testing.assert_array_equal(step.multipliers, first.multipliers)
+        np.testing.assert_array_equal(step.status, first.status)
+        assert not step.gradient[solver.rows.tangential].any()
+        assert step.products == 1 and step.fixed_point_iterations == 0
+        assert max(step.residuals.values()) <= 1e-6
