@@ -43,7 +43,8 @@ class Trials:
         self.knob, self.element = None, {}  # of the meshes; the element where it is not the scene's
         self.sizes: list = []  # of the meshes, coarse to fine
         self.parts: dict = {}  # by source: {quantity: Part}
-        self.timed = None  # size of the mesh that the time step's part is from
+        # sizes of the meshes that the time step's part is from, and what tolerances leave
+        self.timed = self.judged = None
 
     def begin(self, size, knob: str, element: dict) -> None:
         """Start from the mesh of a size, which the parameter `knob` sets, and of an element."""
@@ -173,15 +174,19 @@ class Trials:
     def negligible(self, allowed: float) -> bool:
         """Whether what tolerances leave fits into what is `allowed`, beside the other parts.
 
-        The mesh before tells; on the last one it is more by the ratio of element sizes, see LEFT.
+        The mesh on which they were chosen tells, or else the mesh before; on the last one it is
+        more by the ratio of element sizes, see LEFT.
         """
-        scale = LEFT * ratio(self.knob, *self.sizes[-2:])
-        self.parts |= scaled(self._left(self.sizes[-2])[0], scale)
-        return self.budget()[self.name]["total"] <= allowed
+        for size in dict.fromkeys((self.judged, self.sizes[-2])):
+            scale = LEFT * ratio(self.knob, size, self.sizes[-1])
+            self.parts |= scaled(self._left(size)[0], scale)
+            if self.budget()[self.name]["total"] <= allowed:
+                return True
+        return False
 
     def tighten(self, size) -> bool:
         """Tolerances of a part of the error small enough on a mesh; whether they were changed."""
-        before = self.settings
+        before, self.judged = self.settings, size
         while True:
             parts, values = self._left(size)
             self.parts |= parts

@@ -228,7 +228,7 @@ def test_tolerances_that_fit_beside_the_other_parts_are_not_tightened(left, fits
     """
     search = object.__new__(goal.Search)
     search.asked, search.name, search.knob, search.sizes = 0.01, "displacement", "h", [2.0, 1.0]
-    search.settings = Settings(rtol=1e-4, friction_rtol=1e-3, primal_rtol=3e-4)
+    search.settings, search.judged = Settings(rtol=1e-4, friction_rtol=1e-3, primal_rtol=3e-4), 2.0
     search.reference = tightened(search.settings, 0.01)
     search.effects = SimpleNamespace(pressure_bounds_friction=False)
     search.stride = search.total = 1
@@ -238,6 +238,30 @@ def test_tolerances_that_fit_beside_the_other_parts_are_not_tightened(left, fits
     assert search.negligible(0.01) is fits
     assert search.parts["solver"]["displacement"].error == pytest.approx(4 * left)
     assert search.tighten(2.0) and search.settings.rtol == pytest.approx(1e-5)
+
+
+@pytest.mark.parametrize("left, asked_again", [(1e-4, False), (1e-3, True)])
+def test_tolerances_are_checked_on_a_finer_mesh_only_where_they_might_matter(left, asked_again):
+    """What they leave where they were chosen counts LEFT times the ratio of element sizes: 0.16 %
+    fits beside 0.2 % of the mesh into 1 %; 1.6 % does not, and the mesh before is asked.
+    """
+    search, ran = object.__new__(goal.Search), []
+    search.asked, search.name, search.knob = 0.01, "displacement", "h"
+    search.sizes, search.judged = [8.0, 2.0, 1.0], 8.0
+    search.settings = Settings(rtol=1e-4, friction_rtol=1e-3, primal_rtol=3e-4)
+    search.reference = tightened(search.settings, 0.01)
+    search.effects = SimpleNamespace(pressure_bounds_friction=False)
+    search.stride = search.total = 1
+    search.parts = {"mesh": {"displacement": Part(0.002)}}
+
+    def values(size, stride=1, settings=search.settings):
+        if stride and size != 1.0:
+            ran.append(size)
+        return {"displacement": 1.0 + (left if settings.rtol > 5e-5 else 0.0)}
+
+    search.values = values
+    assert search.negligible(0.01)
+    assert set(ran) == ({8.0, 2.0} if asked_again else {8.0})
 
 
 def test_a_finest_mesh_that_meets_the_request_is_solved_once(monkeypatch, tmp_path):
