@@ -4,9 +4,11 @@ An iteration of the fixed point changes pressures and friction bounds by a facto
 before and takes some products with F: so many are to come until the tolerance. To eliminate the
 gluing rows and corners (feti/fronts.py) has a price in products that follows from sizes alone;
 then Newton's method on the contact rows (P. Alart, A. Curnier, CMAME 92 (1991) 353-375) ends in a
-solution at once, or after successive approximations on these rows alone. What is cheaper is done.
-Once eliminated, they are so for the steps to come, which begin with Newton's method. It is decided
-from counts and from what a checkpoint keeps: neither ranks nor an interruption change it.
+solution at once, or after successive approximations on these rows alone. What is cheaper is done:
+where there are many gluing rows and the price is one that successive approximations hardly stay
+below, as in a few large subdomains that have nothing in common, at once. Once eliminated, they are
+so for the steps to come, which begin with Newton's method. It is decided from counts and from what
+a checkpoint keeps: neither ranks nor an interruption change it.
 """
 
 import numpy as np
@@ -25,6 +27,10 @@ SEEN = 3  # changes from which the next ones are extrapolated
 FASTEST, SLOWEST = 0.05, 0.9  # factors between changes that this relies on
 LEAST = 120  # products to come below which little is to be gained: a few hundredths of a second
 SPENT = 30  # products before which the first changes say little of the later ones
+MANY_ROWS = 2000  # from which elimination may come first; with fewer all takes tenths of a second
+# products that it may then take. The fixed point takes 50 to 100, and each as long again and again
+# for what goes with it: preconditioner, relaxation of the contact rows
+AT_ONCE = 200
 FACTORIZATIONS = 6  # that Newton's method may take
 PASSES = 3  # of Newton's method: products show what rounding has left
 
@@ -56,10 +62,19 @@ class Shortcut:
         Not where x (owned,) and its `gradient` are one: loads that only grow may have predicted it.
         """
         known = self.made if trace.shortcut is None else trace.shortcut
-        if not known or not self.possible:
+        first = trace.shortcut is None and not self.made and self._comes_first()
+        if not (known or first) or not self.possible:
             return False
         residual = projected_gradient(x, gradient, *self.rows.limits(len(x), x))
         return self.qp.size(residual) > self.qp.tol
+
+    def _comes_first(self) -> bool:
+        """Whether sizes alone tell that elimination is cheaper than successive approximations."""
+        elimination, condensation = self.condensation.elimination, self.condensation
+        if elimination is None or condensation.operator.structure.dual_dofs < MANY_ROWS:
+            return False
+        newton = elimination.products(FACTORIZATIONS * condensation.size**3 / 3)
+        return elimination.price <= AT_ONCE and newton <= 2 * AT_ONCE
 
     def pays(self, trace: Trace, x: np.ndarray, target: float, spent: int, taken: int) -> bool:
         """Whether it is cheaper than to go on until changes are below `target`.
