@@ -274,3 +274,17 @@ def test_resultants_that_loads_give_are_known_by_their_mesh():
         parts = {"normal_resultant": Part(normal), "tangential_resultant": Part(shear)}
         assert caution.by_balance(values, parts) == given
     assert caution.by_balance({"displacement": 1.0}, {}) == set()
+
+
+@pytest.mark.parametrize("order, told", [(caution.NO_ORDER - 0.02, False),
+                                         (caution.NO_ORDER + 0.02, True)])
+def test_an_order_too_slow_to_be_one_leaves_the_adjoint_problem_alone(order, told):
+    """Of a displacement: the larger of its net over SEES squared and its gross; else the bound of
+    Cauchy and Schwarz holds what meshes say. Without an adjoint problem they speak, however slow.
+    """
+    sizes = Sizes(2e-3, 3e-3, 0.1)
+    moved = {"displacement": power(order)}
+    bound = 2 * sizes.product / SEES**2
+    found = of(moved, sizes={"displacement": sizes})["displacement"].error
+    assert found == pytest.approx(bound if told else sizes.net / SEES**2)
+    assert of(moved)["displacement"].error > bound

@@ -99,6 +99,36 @@ def test_it_pays_where_more_products_are_to_come_than_its_price(decided):
     assert not decided(np.ones(7), 2) and decided(np.ones(8), 2)
 
 
+def test_it_comes_first_where_many_rows_are_cheap_to_eliminate(decided, monkeypatch):
+    """By sizes alone: rows, the price of the elimination, that of factors of all contact rows."""
+    way, x = decided.way, np.zeros(decided.way.qp.operator.owned)
+    monkeypatch.setattr(way, "made", False)
+    fronts, rows = way.condensation.elimination, way.condensation.operator.structure.dual_dofs
+    moved = np.ones_like(x)
+
+    def first(least_rows=rows, price=shortcut.AT_ONCE, newton=2 * shortcut.AT_ONCE, tried=None):
+        monkeypatch.setattr(shortcut, "MANY_ROWS", least_rows)
+        monkeypatch.setattr(fronts, "price", price)
+        monkeypatch.setattr(fronts, "products", lambda operations: newton)
+        return way.begins(Trace(shortcut=tried), x, moved)
+
+    assert first()
+    assert not first(least_rows=rows + 1)
+    assert not first(price=shortcut.AT_ONCE + 1) and not first(newton=2 * shortcut.AT_ONCE + 1)
+    assert not first(tried=False)  # and did not settle
+    assert not way.begins(Trace(), x, np.zeros_like(x))  # x is the solution
+
+
+def test_elimination_first_ends_in_the_same_state(solved, monkeypatch):
+    """In a step that no approximations precede, for the few products that show it."""
+    later = solved("tutorial", **DRAGGED, quiet="no", friction=0.4)
+    monkeypatch.setattr(shortcut, "MANY_ROWS", 1)
+    first = solved("tutorial", **DRAGGED, friction=0.4)
+    assert first.summary["counts"]["fixed_point_iterations"] == 0 and products(first) <= 8
+    assert max(first.summary["residuals"].values()) <= 1e-10
+    assert np.abs(forces(first) - forces(later)).max() <= 1e-5 * np.abs(forces(later)).max()
+
+
 @pytest.mark.filterwarnings("error")
 def test_an_iteration_that_changes_nothing_tells_no_rate(decided):
     """Of a QP that starts from its solution; the changes after it do."""

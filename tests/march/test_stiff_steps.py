@@ -1,10 +1,13 @@
 """Steps whose stiff parts deform by less than products with the dual operator round off."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from driver.contact.states import SLIP
 from driver.march.condensed_search import CondensedSearch
+from driver.march.quasistatic import QuasistaticSolver
 from driver.results.record import Record
 
 TIGHT = {"rtol": 1e-10, "friction_rtol": 1e-8}
@@ -260,3 +263,19 @@ def test_loads_that_stay_leave_the_state_as_it_is(built, steps_of, named_scene):
         assert not step.gradient[solver.rows.tangential].any()
         assert step.products == 1 and step.fixed_point_iterations == 0
         assert max(step.residuals.values()) <= 1e-6
+
+
+@pytest.mark.parametrize("enough", [True, False])
+def test_a_state_that_is_kept_slides_nowhere(enough):
+    """Whatever products round off on the rows that could; not kept if its residuals are large."""
+    def of(load, x, gradient):
+        np.testing.assert_array_equal(gradient, [1e-9, 0.0])
+        return {}
+
+    march = SimpleNamespace(rows=SimpleNamespace(tangential=np.array([1])),
+                            residuals=SimpleNamespace(of=of, enough=lambda found: enough))
+    kept = QuasistaticSolver._kept(march, None, np.ones(2), np.array([1e-9, 1e-8]))
+    assert (kept is not None) is enough
+    if enough:
+        x, gradient, moved, _ = kept
+        assert not gradient[1] and not moved.any() and x.all()

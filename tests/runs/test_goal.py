@@ -395,3 +395,13 @@ def test_overkill_runs_confirm_the_request(solved, scene, options, overkill):
         run = solved(scene, accuracy=asked, **options)
         error = abs(run.summary["quantities"]["normal_resultant"] / truth - 1)
         assert run.status == 0 and error <= asked, (asked, run.reason)
+
+
+@pytest.mark.parametrize("sizes, enough, total, met", [
+    ([2.0, 1.0], 2, 0.0025, True), ([2.0, 1.0], 2, 0.003, False), ([2.0, 1.0], 3, 0.001, False),
+    ([4.0, 2.0, 1.0], 2, 0.01, True), ([4.0, 2.0, 1.0], 3, None, False)])
+def test_two_meshes_meet_a_request_by_a_quarter_of_it(sizes, enough, total, met):
+    """Where they are enough; three meet it as it is."""
+    search = object.__new__(goal.Search)
+    search.sizes, search.enough, search.asked = sizes, enough, 0.01
+    assert search._met({"value": -1.0, "total": total}) is met
