@@ -282,7 +282,7 @@ def test_an_order_too_slow_to_be_one_leaves_the_adjoint_problem_alone(order, tol
     """Of a displacement: the larger of its net over SEES squared and its gross; else the bound of
     Cauchy and Schwarz holds what meshes say. Without an adjoint problem they speak, however slow.
     """
-    sizes = Sizes(2e-3, 3e-3, 0.1)
+    sizes = Sizes(0.02, 0.03, 0.05)
     moved = {"displacement": power(order)}
     bound = 2 * sizes.product / SEES**2
     found = of(moved, sizes={"displacement": sizes})["displacement"].error
