@@ -282,7 +282,7 @@ class QuasistaticSolver:
         its bound stays there. Solved anew, its own error would be a slip, and forces of stiff parts
         would drift from step to step.
         """
-        return (index > 1 and self.contact.motion is None and not self.effects.closes
+        return (index > 1 and not self.contact.moves and not self.effects.closes
                 and np.array_equal(self.amplitudes[index], self.amplitudes[index - 1]))
 
     def _kept(self, load: Load, x, gradient):

@@ -279,3 +279,17 @@ def test_a_state_that_is_kept_slides_nowhere(enough):
     if enough:
         x, gradient, moved, _ = kept
         assert not gradient[1] and not moved.any() and x.all()
+
+
+def test_a_state_may_stay_where_nothing_changes():
+    """Not in the first step, nor where contact follows bodies or obstacles, or surfaces wear."""
+    still = {"contact": SimpleNamespace(moves=False), "effects": SimpleNamespace(closes=False),
+             "amplitudes": np.array([[0.0, 1.0], [0.5, 1.0], [0.5, 1.0], [0.5, 1.1]])}
+
+    def holds(index, **changes):
+        return QuasistaticSolver._holds(SimpleNamespace(**still | changes), index)
+
+    assert [holds(index) for index in (1, 2, 3)] == [False, True, False]
+    assert not holds(1, amplitudes=np.ones((3, 2)))
+    assert not holds(2, contact=SimpleNamespace(moves=True))
+    assert not holds(2, effects=SimpleNamespace(closes=True))
