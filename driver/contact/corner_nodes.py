@@ -76,6 +76,10 @@ class Acting(IntEnum):
 
 BOTH, FIRST, SECOND, STANDING, NEITHER, FIRST_RUBS, SECOND_RUBS = Acting
 RUBS = FIRST_RUBS, SECOND_RUBS
+# by state: whether the normal, the tangential row of the (first, second) node is excluded
+NORMAL_OUT = np.array([[state in (SECOND, NEITHER), state in (FIRST, NEITHER)] for state in Acting])
+TANGENTIAL_OUT = np.array([[state in (SECOND, BOTH, STANDING, SECOND_RUBS),
+                            state in (FIRST, BOTH, STANDING, FIRST_RUBS)] for state in Acting])
 
 
 @dataclass
@@ -141,9 +145,7 @@ class CornerNodes:
     @property
     def _excluded(self) -> tuple[np.ndarray, np.ndarray]:
         """(v, 2) nodes whose normal rows, and whose tangential rows, are excluded."""
-        one, acting = self.acting[:, None] == [SECOND, FIRST], self.acting[:, None]
-        still = np.isin(acting, [BOTH, STANDING]) | (acting == [SECOND_RUBS, FIRST_RUBS])
-        return one | (acting == NEITHER), one | still
+        return NORMAL_OUT[self.acting], TANGENTIAL_OUT[self.acting]
 
     @property
     def excluded(self) -> np.ndarray:
@@ -158,12 +160,12 @@ class CornerNodes:
         rows = self.in_tangential[self._excluded[1]]
         return rows[rows >= 0]
 
-    def act(self, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Whether (count,) contact nodes have a normal, and a tangential row that acts."""
+    def act(self, count: int) -> np.ndarray:
+        """(2, count) whether contact nodes have a normal, and a tangential row that acts."""
         acts = np.ones((2, count), bool)
         for of, excluded in zip(acts, self._excluded):
             of[self.nodes[excluded]] = False
-        return acts[0], acts[1]
+        return acts
 
     def others(self) -> list[np.ndarray]:
         """Other states (v,) of all corners, one of which is changed to each of its own.
@@ -184,8 +186,7 @@ class CornerNodes:
 
         `rows` are the ContactRows, None without friction; `scale` (owned,) times displacements over
         `tol` count if they are more than NEAR, slip if it is more than SLIPS times `deformation`
-        (owned,).
-        Collective.
+        (owned,). Collective.
         """
         wanted = np.zeros(len(self.nodes), int)
         for v in np.flatnonzero(self.normal[:, 0] >= 0):
@@ -381,8 +382,7 @@ class CornerNodes:
 def corner_nodes(structure, in_tangential: np.ndarray, law) -> CornerNodes | None:
     """The corners of a Substructure; None, which costs nothing, where there are none.
 
-    `in_tangential` (n_c,): places of the nodes' tangential rows among the rank's, or -1; `law`: the
-    ContactLaw.
+    `in_tangential` (n_c,): places of tangential rows among the rank's, or -1; `law`: ContactLaw.
     """
     contact, (start, stop) = structure.contact, structure.row_range
     if not len(contact.corners):
