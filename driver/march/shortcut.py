@@ -5,10 +5,10 @@ before and takes some products with F: so many are to come until the tolerance. 
 gluing rows and corners (feti/fronts.py) has a price in products that follows from sizes alone;
 then Newton's method on the contact rows (P. Alart, A. Curnier, CMAME 92 (1991) 353-375) ends in a
 solution at once, or after successive approximations on these rows alone. What is cheaper is done:
-where there are many gluing rows and the price is one that successive approximations hardly stay
-below, as in a few large subdomains that have nothing in common, at once. Once eliminated, they are
-so for the steps to come, which begin with Newton's method. It is decided from counts and from what
-a checkpoint keeps: neither ranks nor an interruption change it.
+where subdomains have nothing in common, gluing rows are many and the price is one that successive
+approximations hardly stay below, at once. Once eliminated, they are so for the steps to come, which
+begin with Newton's method. It is decided from counts and from what a checkpoint keeps: neither
+ranks nor an interruption change it.
 """
 
 import numpy as np
@@ -71,7 +71,8 @@ class Shortcut:
     def _comes_first(self) -> bool:
         """Whether sizes alone tell that elimination is cheaper than successive approximations."""
         elimination, condensation = self.condensation.elimination, self.condensation
-        if elimination is None or condensation.operator.structure.dual_dofs < MANY_ROWS:
+        few = condensation.operator.structure.dual_dofs < MANY_ROWS
+        if elimination is None or few or elimination.alike:
             return False
         newton = elimination.products(FACTORIZATIONS * condensation.size**3 / 3)
         return elimination.price <= AT_ONCE and newton <= 2 * AT_ONCE

@@ -106,7 +106,9 @@ def test_it_comes_first_where_many_rows_are_cheap_to_eliminate(decided, monkeypa
     fronts, rows = way.condensation.elimination, way.condensation.operator.structure.dual_dofs
     moved = np.ones_like(x)
 
-    def first(least_rows=rows, price=shortcut.AT_ONCE, newton=2 * shortcut.AT_ONCE, tried=None):
+    def first(least_rows=rows, price=shortcut.AT_ONCE, newton=2 * shortcut.AT_ONCE, tried=None,
+              alike=False):
+        monkeypatch.setattr(fronts, "alike", alike)
         monkeypatch.setattr(shortcut, "MANY_ROWS", least_rows)
         monkeypatch.setattr(fronts, "price", price)
         monkeypatch.setattr(fronts, "products", lambda operations: newton)
@@ -115,6 +117,7 @@ def test_it_comes_first_where_many_rows_are_cheap_to_eliminate(decided, monkeypa
     assert first()
     assert not first(least_rows=rows + 1)
     assert not first(price=shortcut.AT_ONCE + 1) and not first(newton=2 * shortcut.AT_ONCE + 1)
+    assert not first(alike=True)  # products of alike subdomains cost little
     assert not first(tried=False)  # and did not settle
     assert not way.begins(Trace(), x, np.zeros_like(x))  # x is the solution
 
