@@ -269,6 +269,7 @@ def test_corner_does_not_know_its_labels(checked, named_scene):
 
 
 @pytest.mark.parametrize("element", ["P1", "P2"])
+@pytest.mark.some(1)
 def test_sides_of_a_hole(checked, element):
     """Three sides: the fourth does not exist for the others' corners."""
     run = checked("hard/hole", steps=6, sides=3, element=element)
@@ -416,6 +417,7 @@ def test_friction_without_pressure_on_both_sides_of_an_open_corner(checked, name
 
 
 @pytest.mark.parametrize("element", ["P1", "P2"])
+@pytest.mark.some(1)
 def test_tips_of_a_crack_take_no_force(checked, named_scene, element):
     """Both lips are one node there, which has no condition; its part of the boundary is that of the
     next nodes, so that weights make up the crack's length. It is closed all along, at any cut.

@@ -54,6 +54,7 @@ def scene(tmp_path):
 
 @pytest.mark.parametrize("element, options", [
     ("P1", {}), ("P1", {"subdomains": 7}), ("P2", {"subdomains": 4}), ("P2-mixed", {})])
+@pytest.mark.some(2)
 def test_uniform_pressure_on_a_free_body_passes(solved, scene, element, options):
     """sigma_yy = -p, sigma_rr = -p/3: linear displacements, exact at each node, at the axis too."""
     run = solved(scene(CONE + """
@@ -108,6 +109,7 @@ macro contactPair() 11, 3 //
 
 
 @pytest.mark.parametrize("element, tilt", [("P1", 0), ("P2", 0), ("P1", 0.3), ("P2-mixed", 0)])
+@pytest.mark.some(2)
 def test_uniform_pressure_passes_between_bodies_on_other_meshes(solved, scene, element, tilt):
     """Mortar with the weight r: plane and conical surfaces, cells at the axis."""
     run = solved(scene(TWO + """

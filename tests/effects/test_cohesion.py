@@ -61,6 +61,7 @@ def test_the_law_holds_at_every_node(solved):
 
 @pytest.mark.parametrize("law", ["tresca", "cohesion"])
 @pytest.mark.parametrize("element", ["P1", "P2"])
+@pytest.mark.some(2)
 def test_a_strength_is_a_stress_wherever_it_acts(solved, tmp_path, law, element):
     """Also at a node that a roller holds along the boundary, and at the end of a boundary, where
     the dual segment is a half: the bound is the strength that the scene declares, plus F |sigma_n|.

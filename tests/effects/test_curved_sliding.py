@@ -46,6 +46,7 @@ include "export.idp"
 @pytest.mark.parametrize("below, element", [
     (BACK, "P2"), pytest.param(BACK, "P2-mixed", marks=SLOW), pytest.param(RIGID, "P2", marks=SLOW),
     pytest.param(BACK, "P1", marks=SLOW)], ids=["back", "mixed", "rigid", "P1"])
+@pytest.mark.slow
 def test_from_afar_or_drawn_there(solved, named_scene, below, element):
     """Without friction the way does not matter: forces, normals and openings of all nodes.
 

@@ -439,6 +439,7 @@ def test_words_of_the_option(words, expected):
     ([], {"cycles": "until settled", "accuracy": "5%", "cells": ""},
      "give their number"),
 ])
+@pytest.mark.some(5)
 def test_misuse_is_refused_in_one_line(solved, scene, changes, options, reason):
     options = {name: value for name, value in {"cells": 2, **options}.items() if value}
     run = solved(scene(STRIP, *changes), **options)

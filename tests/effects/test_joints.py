@@ -100,6 +100,7 @@ def stresses(run) -> np.ndarray:
     pytest.param("patch", {"np": 2, "subdomains": 3}, marks=pytest.mark.slow),  # ranks
     pytest.param("four", {"element": "P2"}, marks=pytest.mark.slow),  # a further mesh
     pytest.param("side", {"element": "P2", "np": 2}, marks=pytest.mark.slow)])
+@pytest.mark.some(3)
 def test_constant_stress_passes(solved, scene, text, options):
     """sigma_yy = -1 in plane strain, everything else zero but sigma_zz: to rounding, 1e-9."""
     text = {"patch": PATCH, "four": FOUR, "side": SIDE, "inclusion": INCLUSION}[text]
@@ -278,6 +279,7 @@ include "export.idp"
     (TUBE, "", "", "have different radii"),
     (STRIP % (5, 5), "macro periodic() 4, 2 //", "macro periodic() 4, 2 //\nmacro contact() 2 //",
      "label 2 is periodic and declared for contact")])
+@pytest.mark.some(5)
 def test_misuse_is_refused_in_one_line(solved, scene, text, old, new, reason):
     run = solved(scene(text, (old, new)))
     assert run.status == 2 and reason in run.reason and "\n" not in run.reason

@@ -129,6 +129,7 @@ def test_a_block_climbs_a_slope(solved, scene, obstacle, options):
                                atol=1e-6 * np.abs(sigma).max())
 
 
+@pytest.mark.slow
 def test_a_punch_is_dragged_over_three_of_its_widths(solved, scene):
     """T = F N node by node, forces on one another, and what the block's mesh makes of a place.
 

@@ -41,6 +41,7 @@ def test_what_is_not_declared_is_not_imported(loaded, effect):
 
 
 @pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.some(2)
 def test_rooms_are_imported_as_declared(loaded, exported, scene):
     declared = set(read_manifest(exported(scene, **SCENES[scene])).rooms)
     rooms = {name.removeprefix("driver.effects.") for name in modules_of(loaded, scene)

@@ -95,6 +95,7 @@ macro normalComplianceExponent() m //""")
     (2, {}), (0.5, {}), (3.33, {"asperities": 1e5}),
     pytest.param(2, {"element": "P2", "subdomains": 5, "np": 2}, marks=pytest.mark.slow),
     pytest.param(1, {}, marks=pytest.mark.slow)])  # ranks; what needs no tangents
+@pytest.mark.some(2)
 def test_a_uniform_block_closes_by_a_power(solved, scene, exponent, options):
     """(p/c)^(1/m), exactly."""
     run = solved(scene(POWER), cells=3, exponent=exponent, **TIGHT, **options)

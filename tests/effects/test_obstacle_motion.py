@@ -121,6 +121,7 @@ macro bilateral() (label == 2 ? 1. : 0.) //""")], {"subdomains": "3"}, marks=REP
     pytest.param([("macro friction() F //", """macro friction() F //
 macro slipFactor(s) (1. - 200*(s)) //
 real slipRange = 2e-3;""")], {}, marks=REPEATED)])
+@pytest.mark.slow
 def test_moving_the_obstacles_is_moving_the_body_back(solved, scene, changes, options):
     """Two flat obstacles on one path, and the body on the opposite one: contact cannot tell."""
     obstacles, body = frames(solved, scene, *changes, **options)

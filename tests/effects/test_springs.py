@@ -46,6 +46,7 @@ def probed(run, probe: str, column: str) -> float:
 @pytest.mark.parametrize("options, tolerance", [
     ({"element": "P2", "h": 37.5}, 1e-3), ({"element": "P2", "h": 75, "subdomains": 7}, 1e-3),
     ({"h": 18.75}, 1.5e-2)])
+@pytest.mark.some(2)
 def test_rail_against_hetenyi(solved, options, tolerance):
     """With Timoshenko's correction. Near the wheel the plane rail is pressed flat as well, by about
     P/E; 1 m away beams differ by some (height / wave length)^2 of what shear adds, 1e-4 of the
@@ -72,6 +73,7 @@ def test_rail_against_hetenyi(solved, options, tolerance):
 
 @pytest.mark.parametrize("options", [{}, {"element": "P2"}, {"element": "P2-mixed"},
                                      {"angle": 0}, {"subdomains": 7, "angle": -71}])
+@pytest.mark.some(3)
 def test_block_in_uniform_stress(solved, block, options):
     """u = (t/kx + t y/G, -p/k - p y/E) in its own axes: polynomials that all elements have."""
     run = solved(block, cells=3, **TIGHT, **options)
@@ -86,6 +88,7 @@ def test_block_in_uniform_stress(solved, block, options):
 
 
 @pytest.mark.parametrize("element, stiffness", [("P1", 1e9), ("P2", 1e3)])
+@pytest.mark.some(1)
 def test_forces_balance_and_cuts_do_not_matter(solved, element, stiffness):
     """Of a body that springs alone support, in contact with friction; by label they add up."""
     runs = [solved(HELD, steps=3, element=element, stiffness=stiffness, **TIGHT, **cut)

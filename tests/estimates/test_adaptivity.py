@@ -301,6 +301,7 @@ def test_touching_bodies_are_remeshed_each_by_itself(solved):
     assert np.abs(run.contact["sigma_n"] / np.median(run.contact["sigma_n"]) - 1).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_error_falls_faster_than_on_uniform_meshes(solved):
     """The clamped corners are singular like r^0.7: uniform meshes lose the rate 1/2 in unknowns,
     adaptive ones keep it.

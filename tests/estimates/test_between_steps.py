@@ -75,6 +75,7 @@ def test_smooth_histories_and_kinks_at_steps_are_no_reason_to_warn():
     assert "STEPS=10 follows it better" in line
 
 
+@pytest.mark.slow
 def test_time_share_of_one_step_and_of_a_missed_pulse(solved, budget_of, variant):
     """One step of a history that comes back tells nothing of the way; its share says so."""
     quantities = budget_of("model", loading="nonmonotone", cells=4, steps=1)["quantities"]

@@ -56,6 +56,7 @@ def sequences(count, disorder, orders):
 @pytest.mark.parametrize("disorder, orders, least", [
     (0.0, (0.5, 2.0), 0.97), (0.5, (0.5, 2.0), 0.95), (0.5, (0.8, 1.6), 0.95),
     (0.0, (0.3, 1.0), 0.94)])
+@pytest.mark.some(2)
 def test_claims_cover_errors_that_are_no_powers(disorder, orders, least):
     """Calibration of the factors: see the module. One in 100 below half of the truth at most."""
     ratio = np.array([part(q, limit=True).error / abs(q[0])
@@ -332,6 +333,7 @@ def test_what_halves_elements_lowers_their_error(knob, size, cycles, expected):
                         "solver": "RTOL=1e-07"}
 
 
+@pytest.mark.slow
 def test_what_a_scene_does_not_have_is_not_estimated(budget_of):
     for scene, missing in (("model", ()), ("model-static", ("time",)),
                            ("model-tresca", ("friction",)),

@@ -65,6 +65,7 @@ def exact_ring(x, y, b=20.0, c=35.0, interference=0.05, nu=0.3):
     ("pressfit", exact_ring, dict(h=3)), ("pressfit", exact_ring, dict(h=1.5)),
     ("zones", exact_zones, dict(cells=8, steps=1)),
     ("zones", exact_zones, dict(cells=16, steps=1, subdomains="6"))])
+@pytest.mark.some(3)
 def test_effectivity_against_a_closed_form(estimated, scene, exact, parameters):
     """Elasticity, Lame's ring (whose polygon it does not see: that errs by h^2 against an error of
     order h), and contact that sticks, slips and opens."""

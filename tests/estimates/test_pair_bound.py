@@ -20,6 +20,7 @@ BETWEEN = [("hertz-bodies", dict(h=0.016)), ("mindlin-bodies", dict(h=0.15, step
 
 
 @pytest.mark.parametrize("scene, parameters", BETWEEN)
+@pytest.mark.some(2)
 def test_both_sides_of_a_pair_feel_the_same_tractions(estimated, scene, parameters):
     """Edge moments on the other side against a rule of many points, which needs no part of it to be
     linear.

@@ -22,6 +22,7 @@ def said(run, word: str) -> bool:
                          [(0.3, 2, False), (0.45, 4, False), (0.49, 2, True), (0.49, 8, True),
                                               (0.499, 4, True), (0.4999, 2, True),
                           (0.4999, 8, True)])
+@pytest.mark.some(4)
 def test_locking(solved, nu, cells, locks):
     """By the table in the module's text: from nu = 0.49 on coarse meshes and fine, never at 0.45.
     """

@@ -18,6 +18,7 @@ SCENES = [
 
 
 @pytest.mark.parametrize("scene, options", SCENES)
+@pytest.mark.some(3)
 def test_fronts_leave_the_schur_complement_on_the_contact_rows(built, scene, options):
     problem = built(scene, **options)
     F, contact = problem.F, contact_row_numbers(problem.structure.contact)

@@ -393,6 +393,7 @@ body = buildmesh(outer0(20) + outer1(8) + outer2(20) + outer3(8) + hole(-12));
 
 
 @pytest.mark.parametrize("subdomains", ["1x1", "3x1", "1x3", "5x3", "2", "9"])
+@pytest.mark.some(3)
 def test_body_with_a_hole(built, variant, subdomains):
     """Unstructured mesh; subdomains around the hole, in two pieces (1x3) or meeting a neighbour
     twice (2x1).
@@ -465,6 +466,7 @@ def test_sharing_classes_changes_nothing(built, monkeypatch):
 
 @pytest.mark.parametrize("subdomains", ["1x2", "5x1", "2x6", "2", "3", "5", "6", "8", "11", "13",
                                         "17", "23", "30"])
+@pytest.mark.some(5)
 def test_torn_subdomains_are_held(built, subdomains):
     """K_rr of every subdomain is positive definite: corners and supports leave no rigid motion or
     hinge.
@@ -581,6 +583,7 @@ def test_prescribed_displacement_equals_a_direct_solve(built, variant, subdomain
     ("loose", ""),  # three rigid motions
     ("rolling", "macro support() on(4, u1 = 0.) //\n"),  # slides along y
     ("sliding", "macro support() on(1, u2 = 0.) //\n")])  # slides along x
+@pytest.mark.some(5)
 def test_body_that_can_move_is_refused(solved, variant, subdomains, name, support):
     """Nothing takes the load's work on the free rigid motions: no equilibrium, whatever the body
     deforms.

@@ -96,6 +96,7 @@ HARD = {"columns 1:1e4": lambda: graded(1e4, False), "both 1:1e4": lambda: grade
 
 @pytest.mark.parametrize("parts", [3, 7])
 @pytest.mark.parametrize("body", HARD)
+@pytest.mark.some(5)
 def test_condition_does_not_depend_on_grading_and_jumps(body, parts):
     easy, hard = conditions(scene(even(), parts)), conditions(scene(HARD[body](), parts))
     for face, value in hard.items():

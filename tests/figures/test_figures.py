@@ -293,6 +293,7 @@ def test_a_directory_without_a_run_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("name", ALL)
+@pytest.mark.some(4)
 def test_nothing_overlaps_or_leaves_the_page(drawn, name):
     figure = drawn[name]
     assert figure.get_figwidth() == pytest.approx(16 / 2.54)
@@ -649,6 +650,7 @@ def moved_run(tmp_path, changes: dict, **summary):
     ({}, r"$\Gamma_u$ support"), ({"fixed_y": 0}, r"$\Gamma_u$ roller"),
     ({"moved_x": 1e-3}, r"$\Gamma_u$ moved"),
     ({"fixed_x": 0, "moved_y": -1e-3}, r"$\Gamma_u$ moved in one direction")])
+@pytest.mark.some(2)
 def test_supports_rollers_and_moved_supports_look_different(tmp_path, changes, words_of_legend):
     figure = figures.compose("geometry", moved_run(tmp_path, changes))
     assert words_of_legend in legend_words(figure)
@@ -687,6 +689,7 @@ def test_labels_loads_and_weight_are_on_the_picture(tmp_path):
     (lambda x, y: np.where(y < 0.4, 2.0, np.where(x < 0.02, 50 + y, 80.0)),
      ["$G$ = 2 Pa", "$G$ = 80 Pa"]),
     (lambda x, y: 10 ** (2 * x), ["ranges"]), (None, [])])
+@pytest.mark.some(2)
 def test_materials_that_no_region_names_have_colours(run, modulus, expected):
     """By the stiffness of the triangles: its values where they are few, ranges where it varies."""
     mesh = run.first

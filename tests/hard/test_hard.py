@@ -83,6 +83,7 @@ def test_every_case_says_what_is_expected():
         1, "Traceback", 0.0, folder, crashed=True), "status": 1}, "Traceback"),
 ], ids=lambda value: "" if isinstance(value, dict) else value or "solved")
 @pytest.mark.usefixtures("here")
+@pytest.mark.some(4)
 def test_judge(change, why, tmp_path):
     """A case fails for each of the things it can do wrong, and says which."""
     case = replace(PLAIN, **change)

@@ -87,6 +87,7 @@ def test_a_slit_has_two_tips_and_bodies_of_revolution_keep_off_the_axis():
 @pytest.mark.parametrize("seed", [
     pytest.param(seed, marks=[pytest.mark.slow] * (seed % 2 == 0))  # half by default
     for seed in range(SEED, SEED + random.FAST)])
+@pytest.mark.some(2)
 def test_fast(seed, tmp_path, monkeypatch):
     if seed not in RANKED:
         monkeypatch.setattr(random, "ranks_agree", lambda *_: "")
@@ -97,6 +98,7 @@ def test_fast(seed, tmp_path, monkeypatch):
 @pytest.mark.parametrize("seed", [
     102032, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (
         28, 20000237, 30000103, 50000139, 50000251, 60000133, 60000197, 60000323, 60000445))])
+@pytest.mark.slow
 def test_stiff_parts_among_soft_ones(seed, tmp_path, monkeypatch):
     """Jumps of stiffness of 1e6 under contact: forces whose ways are a rounding of the soft part's,
     so that residuals at which products end are not enough for cuts to agree.
@@ -413,6 +415,7 @@ def test_limits_of_forces_exclude_no_states(modes, solved):
 
 @pytest.mark.parametrize("travelled", [True, False])
 @pytest.mark.parametrize("push, solved", [(1.1, True), (1.15, True), (1.3, False), (1.9, False)])
+@pytest.mark.some(4)
 def test_friction_is_that_of_the_slip_it_comes_with(push, solved, travelled):
     """A rigid body on two feet, each pressed by 1, whose friction rises with slip from 0.2 to 1 at
     0.5 and falls to 0.2 at 1; one foot is ahead of the other by half of that way.

@@ -35,6 +35,7 @@ include "export.idp"
 
 
 @pytest.mark.parametrize("cut", ["4", "9"])
+@pytest.mark.some(1)
 def test_a_soft_block_on_a_stiff_one_is_balanced_exactly(built, steps_of, named_scene, cut):
     """Rows differ by 1e7, motions of both bodies are one system's: its LU factors alone leave 1e-9.
     """

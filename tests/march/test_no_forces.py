@@ -68,6 +68,7 @@ TIGHT = {"rtol": 1e-10, "friction_rtol": 1e-8}
 
 @pytest.mark.parametrize("cut", [2, 7])
 @pytest.mark.parametrize("lid", ["t", "0.5*t*t - t", "min(1., 2.*t)"], ids=["down", "up", "stops"])
+@pytest.mark.some(3)
 def test_boxes_carried_through_the_air_feel_nothing(built, steps_of, named_scene, lid, cut):
     """A soft one is moved by its lid and pushes a stiff one, both without weight, down a gap; or
     leaves it behind, or both stop.

@@ -193,6 +193,7 @@ def test_forces_are_right_in_a_nearly_singular_material(solved, named_scene):
     assert apart(rough, fine) <= 1e-5
 
 
+@pytest.mark.slow
 def test_stiff_parts_know_whether_they_slide(solved):
     """E jumps by 1e6: slip that is nothing to the soft parts decides on friction of the stiff ones.
     """
@@ -272,6 +273,7 @@ def test_nothing_left_is_nothing_missing(built, steps_of, named_scene):
 
 
 @pytest.mark.parametrize("cut", ["1x1", "3x1", "5x2"])
+@pytest.mark.some(2)
 def test_a_load_that_is_rounding_is_none(built, steps_of, named_scene, cut):
     """sin(2 pi) presses nothing: all forces are zero, not 1e-16 of those before."""
     text = SPIKE.replace("(abs(t - 0.5) < 0.01 ? 1e6 : t)", "sin(2*pi*t)")

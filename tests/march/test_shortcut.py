@@ -186,6 +186,7 @@ def test_steps_after_an_elimination_begin_with_newton(built, steps_of, monkeypat
 
 @pytest.mark.parametrize("scene, options", [("model", {"cells": 4}), ("punch", {"h": 0.2}),
                                             ("tutorial", {"h": 1.6, "subdomains": 3})])
+@pytest.mark.some(2)
 def test_loads_alone_say_what_contact_forces_have_to_undo(built, steps_of, scene, options):
     """As forces do that the gluing multipliers answer to: loads, travel, gaps and earlier slip."""
     problem = built(scene, steps=2, **options)

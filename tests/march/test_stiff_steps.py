@@ -156,11 +156,13 @@ def solved(built, steps_of, named_scene, name: str, cut: int) -> np.ndarray:
 
 @pytest.mark.parametrize("name", list(SCENES))
 @pytest.mark.some(2)
+@pytest.mark.some(1)
 def test_stiff_parts_on_soft_ones_are_solved_to_what_was_asked(built, steps_of, named_scene, name):
     """Each had ended with stationarity of 1e-5, or 3e-6, and no solution."""
     assert solved(built, steps_of, named_scene, name, 0).any()
 
 
+@pytest.mark.slow
 def test_contact_has_all_digits_under_friction_that_slip_changes(built, steps_of, named_scene):
     """Once friction has settled, contact rows are corrected by increments as if it were given: the
     first step had ended with complementarity of 1.3e-6, what whole solutions round off.
@@ -236,6 +238,7 @@ def test_reported_displacements_are_those_that_residuals_are_of(built, steps_of)
 
 
 @pytest.mark.parametrize("name", SCENES)
+@pytest.mark.some(2)
 def test_refined_displacements_are_those_of_factors_but_for_rounding(built, steps_of, named_scene,
                                                                      name):
     """Where bodies without support have moved, too. What stiff parts, springs of the method among

@@ -55,6 +55,7 @@ def random_problem(seed, nodes, largest=6.0):
 
 
 @pytest.mark.parametrize("nodes", [1, 2, 3])
+@pytest.mark.some(2)
 def test_signs_of_all_solutions_add_up_to_one(nodes):
     """The degree of the law is one, whatever the coefficient: if enumeration lost or invented a
     solution, it would show. Lemke's and Newton's are among them; the search finds no false ones."""
@@ -213,6 +214,7 @@ def test_frictionless_scenes_are_unique_and_not_examined():
 # ----------------------------------------------------------------------------- the model example
 
 @pytest.mark.parametrize("friction", [6, 15])
+@pytest.mark.some(1)
 def test_model_beyond_uniqueness(solved, built, friction):
     """From F = 5.45, the largest |lambda_t| / lambda_n of a bottom that sticks everywhere, that is
     a solution beside one with an open node and, between the two, one with a sliding node. The
@@ -274,6 +276,7 @@ def test_newton_far_from_a_solution_factorizes_nothing():
 
 
 @pytest.mark.parametrize("friction", [6, 8, 10])
+@pytest.mark.some(2)
 def test_qps_solved_in_full_settle_without_a_fallback(solved, friction):
     """As above with more iterations: QPs left early made it stall, none of the other methods is
     needed.

@@ -80,6 +80,7 @@ def test_a_finished_run_is_opened_without_solving(result):
     ("model", {"cells": 3, "CELLS": 4}, 2, "twice"), ("model", {"steps": "few"}, 2, "few"),
     ("slope", {"angle": 60, "cells": 3}, 3, "friction"),
     ("model", {**CASE, "max_products": 1}, 4, "partial results")])
+@pytest.mark.some(3)
 def test_errors_have_the_status_and_the_words_of_the_command_line(tmp_path, scene, options, status,
                                                                   words):
     with pytest.raises(driver.DriverError, match=words) as caught:

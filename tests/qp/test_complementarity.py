@@ -97,6 +97,7 @@ def test_given_bounds_are_a_box_qp():
 
 
 @pytest.mark.parametrize("nodes", [1, 2, 3])
+@pytest.mark.some(2)
 def test_solutions_obey_the_affine_law(nodes):
     """Enumerated ones, of signs that add up to one (degree of the law); those of the other methods
     are among them.
@@ -182,6 +183,7 @@ def test_bilateral_law(pulls):
 
 
 @pytest.mark.parametrize("nodes, motions", [(2, 1), (2, 2), (3, 3)])
+@pytest.mark.some(2)
 def test_bodies_without_support(nodes, motions):
     """Solutions balance the loads, too; where there are none Lemke's method finds none."""
     some = 0

@@ -39,6 +39,7 @@ def has_solution(problem: CoulombProblem) -> bool:
 
 @pytest.mark.parametrize("nodes, motions, pulls", [(3, 1, False), (3, 2, False), (2, 0, True),
                                                    (2, 3, True)])
+@pytest.mark.some(2)
 def test_branch_and_bound_says_what_all_states_say(nodes, motions, pulls):
     """The solver's search, which then has a solution, and the judge's of the same problems."""
     none = 0
@@ -127,6 +128,7 @@ def test_branch_and_bound_knows_its_limits(monkeypatch):
 
 
 @pytest.mark.parametrize("motions, pulls", [(2, False), (2, True)])
+@pytest.mark.some(1)
 def test_one_program_finds_states(motions, pulls, monkeypatch):
     """Of bodies on far too soft springs as well, whose load makes rows move 1e6 times as far.
 

@@ -145,6 +145,7 @@ include "export.idp"
 
 
 @pytest.mark.parametrize("element, cut", [("P1", 1), ("P1", 4), ("P2", 3)])
+@pytest.mark.some(2)
 def test_labels_that_go_on_in_one_another_share_their_nodes(solved, tmp_path, element, cut):
     """Under uniform pressure 2 without Poisson's effect each label carries 2 x its length, however
     short it is: a node between two labels counts for both by its dual segment. The ends of an open

@@ -209,6 +209,7 @@ def test_names_of_components_are_in_the_file(wedge):
 
 
 @pytest.mark.parametrize("element", ["P1", "P2"])
+@pytest.mark.some(2)
 def test_stiffness_is_there_where_the_material_varies(solved, wedge, element):
     """The shear modulus E/(2 (1 + nu)) of aluminium on steel, region by region."""
     assert "shear_modulus" not in meshio.read(wedge.directory / "fields/step_0001.vtu").cell_data

@@ -95,6 +95,7 @@ def test_histories_and_terms_without_effect_are_refused(run_of, more, words):
 @pytest.mark.parametrize("more, quiet", [
     ("macro contact() 1 //", False), ("macro load1() traction(3, 0., 0.) //", False),
     (LOAD + "macro amplitude1(t) 0.*t //", False), (LOAD, True)])
+@pytest.mark.some(2)
 def test_a_scene_in_which_nothing_moves_says_so(run_of, more, quiet):
     warnings = run_of(BLOCK.format(more=more), steps=2).summary["warnings"]
     assert any("nothing moves" in warning for warning in warnings) != quiet
@@ -103,6 +104,7 @@ def test_a_scene_in_which_nothing_moves_says_so(run_of, more, quiet):
 @pytest.mark.parametrize("bottom, more, said", [
     ("0.95", "", "contact label 11 starts up to 0.05 inside"),
     ("0.95", "macro pairGap() 0. //", ""), ("0.9999", "", ""), ("1.", "", "")])
+@pytest.mark.some(2)
 def test_bodies_that_overlap_at_the_start(run_of, bottom, more, said):
     warnings = run_of(BLOCKS.format(bottom=bottom, more=more)).summary["warnings"]
     assert any("inside what it meets" in warning for warning in warnings) == bool(said)

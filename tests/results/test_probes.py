@@ -69,6 +69,7 @@ def test_uniform_tension_is_reproduced_at_any_place(block, element):
 
 
 @pytest.mark.parametrize("cut, element", [("1", "P1"), ("3", "P1"), ("4", "P2")])
+@pytest.mark.some(2)
 def test_forces_of_all_labels_balance(block, cut, element):
     """With contact below, on a slope: tractions, reactions and contact forces of the four labels
     add up to nothing, direction by direction; the cut does not matter. They meet in corners, where

@@ -140,6 +140,7 @@ def test_a_link_to_a_run_stays_and_the_run_is_replaced(tmp_path):
 
 @pytest.mark.parametrize("words", [("FIGURES=yes", "FIELDS=yes"), ("ADAPT=1", "SCENE=bracket"),
                                    ("MAX_FIXED_POINT=1",)], ids=["all", "adapted", "partial"])
+@pytest.mark.some(2)
 def test_a_run_finds_nothing_foreign_in_what_a_run_leaves(tmp_path, words):
     given = {word.split("=")[0]: word for word in (*WORDS, *words)}
     if "ADAPT=1" in words:
@@ -191,6 +192,7 @@ def test_figures_that_fail_leave_the_results(tmp_path, monkeypatch, capsys):
 
 @pytest.mark.parametrize("failure", [ValueError("Singular\nmatrix"), MemoryError(),
                                      InputError("refused")])
+@pytest.mark.some(2)
 def test_estimates_that_fail_leave_the_results_with_a_warning(tmp_path, monkeypatch, failure):
     """Whatever goes wrong in a companion of a run that has converged."""
     def fail(*_):

@@ -460,6 +460,7 @@ def test_wrong_count_of_any_array(small, read):
     # slow: what all words of an array do, every fifth does; all lengths are hit
     pytest.param(-1, 1, marks=pytest.mark.slow), pytest.param(2**40, 1, marks=pytest.mark.slow),
     pytest.param(np.float64(1e300).view(np.int64), 1, marks=pytest.mark.slow)])
+@pytest.mark.some(2)
 def test_a_wild_word_anywhere_ends_in_no_traceback(small, read, value, apart):
     """Any word of the file overwritten: the export is refused by an InputError or read, nothing
     else.

@@ -32,6 +32,7 @@ def changed(tmp_path):
 
 
 @pytest.mark.parametrize("options", [{}, {"element": "P2", "subdomains": 5}, {"np": 2}])
+@pytest.mark.some(2)
 def test_every_body_has_its_own(solved, changed, options):
     """u = x/E on either bar; named in summary.json."""
     run = solved(changed(), rtol=1e-11, **options)

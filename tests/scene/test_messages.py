@@ -217,6 +217,7 @@ def test_names_of_freefem_are_what_the_library_has_undeclared():
      "twice"),
     ("rectangle(0., 2., 0., 1.);", "rectangle(0., 1e400, 0., 1.);", "finite"),
 ])
+@pytest.mark.some(12)
 def test_what_freefem_trips_over(said, old, new, words):
     message = said((old, new))
     assert words in message
@@ -265,6 +266,7 @@ BODY = ("rectangle(0., 2., 0., 1.);", "{}")
     ("addBody(square(2, 2)) addBody(square(int(0.2), 1))", "far too large"),
     ("border a(t=0, 1) { x = t; y = t*t; label = 1; } body = buildmesh(a(5));", "close a curve"),
     ('body = readmesh("none.msh");', "mesh file"), ("", "rectangle(...)")])
+@pytest.mark.some(3)
 def test_bodies_that_are_none(said, text, words):
     assert words in said((BODY[0], text), parameters={})
 
@@ -495,6 +497,7 @@ MESHED = (('include "scene.idp"', 'include "scene.idp"\ninclude "gmsh.idp"'),
     (GEO.replace("Physical Surface(1) = {1};", ""), "give its surfaces a Physical Surface"),
     (GEO.replace("Physical Curve(1) = {1}; Physical Curve(3) = {3}; Physical Curve(4) = {4};", ""),
      "give its curves a Physical Curve")])
+@pytest.mark.some(3)
 def test_what_gmsh_makes_is_judged(said, tmp_path, geo, words):
     (tmp_path / "mine.geo").write_text(geo)
     assert words in said(*MESHED, parameters={"steps": "2"})
@@ -533,6 +536,7 @@ def test_triangles_of_a_small_size_are_foretold_by_how_their_number_grows(order)
     "contact() 9", "contact() 1 //\nmacro load2() traction(9, 0., 1.)",
     "contact() 1 //\nmacro contactPair() 3, 9", "contact() 1 //\nmacro probeLabels() [9]",
     "contact() 1 //\nmacro foundation() 9 //\nmacro foundationNormal() 1."])
+@pytest.mark.some(3)
 def test_labels_of_lines_inside_a_body(said, declared):
     """Two layers in one mesh: the line between them is a boundary of nothing, though a cut along it
     would make one of it. With the line dropped the label is none.

@@ -95,6 +95,7 @@ CASES = [pytest.param(scene, element, id=f"{name}-{element}",
 
 
 @pytest.mark.parametrize("scene, element", CASES)
+@pytest.mark.some(1)
 def test_scenes_may_use_every_local_name_of_the_library(tmp_path, scene, element):
     """Numbers 1 with these names, as factors of all that a scene declares, change no bit."""
     names = local_names()

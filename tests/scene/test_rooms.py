@@ -80,6 +80,7 @@ def content(directory) -> tuple:
     (("friction", "load1", "quasistatic"),
      (("macro friction() F //\n", ""), ("quasistatic(1.);", ""),
                                             (DRIVEN[0][1].split("\n")[0], "")))])
+@pytest.mark.some(4)
 def test_what_is_left_out_is_as_if_undeclared(tmp_path, variant, without, changes):
     """Records and manifest are those of the scene's text without the declarations, to the last bit.
 
@@ -153,6 +154,7 @@ def test_a_study_of_a_scene_without_an_effect(tmp_path):
      "label 1 is declared for contact twice"),
     ((("macro contact() 1 //", "macro contactPair() 1, 3, 3, 1 //"),),
      "label 3 is declared for contact twice")])
+@pytest.mark.some(5)
 def test_declarations_that_do_not_fit_together(tmp_path, variant, changes, said):
     scene = variant(f"unfit-{abs(hash(changes))}", *changes)
     with pytest.raises(InputError, match=re.escape(said)):

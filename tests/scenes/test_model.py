@@ -47,6 +47,7 @@ def expected(built):
 @pytest.mark.parametrize("loading", LOADINGS)
 @pytest.mark.parametrize("subdomains, steps", [("4x2", 20), ("8x4", 20)])
 @pytest.mark.some(2)
+@pytest.mark.some(1)
 def test_tractions_and_displacements_equal_the_dense_solution(solved, expected, loading, subdomains,
                                                               steps):
     """Relative error at most cond F (3e3, 8e3) times the tolerance 1e-11, several times that in the

@@ -283,6 +283,7 @@ def test_zones_energy_is_of_second_order(built, steps_of):
 
 # ----------------------------------------------------------------- materials that keep their volume
 
+@pytest.mark.slow
 def test_orders_where_volume_is_kept():
     """P2-mixed: 3, 2, 2 for any Poisson's ratio, with the same errors; P2 loses the pressure, P1
     everything.
@@ -351,6 +352,7 @@ def test_hertz(solved):
 # ------------------------------------------------------------------------------ friction and signs
 
 @pytest.mark.parametrize("subdomains, element", [("4x2", "P2"), ("5", "P2"), ("5", "P2-mixed")])
+@pytest.mark.some(2)
 def test_model_equals_the_dense_solution(solved, built, subdomains, element):
     options = {"loading": "nonmonotone", "cells": 3, "steps": 6, "subdomains": subdomains,
                "element": element}
@@ -439,6 +441,7 @@ def test_fields_are_quadratic_triangles(cantilever):
 
 
 @pytest.mark.parametrize("subdomains, element", [("4x2", "P2"), ("6", "P2"), ("6", "P2-mixed")])
+@pytest.mark.some(2)
 def test_recovered_stress_tells_the_error(solved, built, steps_of, subdomains, element):
     """The fitted stress converges faster than the computed one: the ratio to the true error tends
     to one.

@@ -218,6 +218,7 @@ def test_side_that_faces_nothing(solved, tmp_path):
 
 @pytest.mark.parametrize("angle", [0, 20, 26.5])
 @pytest.mark.parametrize("subdomains", ["4x2", "5"])
+@pytest.mark.some(3)
 def test_block_rests_on_a_slope(solved, angle, subdomains):
     """Friction angle of F = 0.5: 26.565 degrees. Weight per thickness 7850 * 9.81 * 0.4 * 0.2."""
     run = solved("slope", angle=angle, subdomains=subdomains)
@@ -235,6 +236,7 @@ def test_block_rests_on_a_slope(solved, angle, subdomains):
 @pytest.mark.parametrize("options", [{"angle": 26.6}, {"angle": 45}, {"angle": 5, "friction": 0.05},
                                      {"angle": 180},
                                      {"angle": 180, "friction": 0}])
+@pytest.mark.some(3)
 def test_impossible_equilibrium_is_named(solved, options):
     run = solved("slope", **options)
     assert run.status == 3 and "no equilibrium" in run.reason and "body 1" in run.reason
@@ -253,6 +255,7 @@ def resultant_between(run, step=-1):
 
 @pytest.mark.parametrize("options", [{}, {"angle": 25, "friction": 0.35, "subdomains": 3},
                                      {"element": "P2"}])
+@pytest.mark.some(2)
 def test_wedge_force_ratio(solved, options):
     """Once all slides: H/V = (F + tan)/(1 - F tan), to the tolerance of balance and fixed point."""
     run = solved("wedge", **options)
@@ -337,6 +340,7 @@ def partial_slip(run, F=0.3, R=50.0):
     {}, *(pytest.param(options, marks=pytest.mark.slow)
           for options in ({"friction": 0.6}, {"shift": 0.003})),
     {"radius": 0.05, "approach": 1.76e-5}])
+@pytest.mark.some(1)
 def test_two_cylinders_in_partial_slip(solved, options):
     """Slopes are infinite at the ends of contact and sticking: over an element of length h/4 there
     the shear errs by sqrt(h/4a), in L2 by about h/4a = 1.3%; the closed form errs by the order of
@@ -397,6 +401,7 @@ def assembled_laws(problem, step, u_t, far):
 
 
 @pytest.mark.parametrize("subdomains, push", [("9", 0.2), ("3", 0.2), ("2x1", 0.4)])
+@pytest.mark.some(2)
 def test_stack_obeys_the_laws_on_the_assembled_bodies(built, steps_of, subdomains, push):
     problem = built("stack", subdomains=subdomains, push=push, h=0.15, steps=6)
     assert len(problem.structure.rigid_modes) == 9

@@ -16,6 +16,7 @@ TIGHT = 1e-13  # of the QP, so that what is left is rounding
     dict(subdomains="4x2"), dict(subdomains="4x2", angle=30), dict(subdomains="7", angle=0),
     dict(subdomains="7", angle=-137.5), dict(subdomains="1x1"),
 ], ids=str)
+@pytest.mark.some(3)
 def test_patch_is_exact(solved, options):
     run = solved("patch", cells=6, rtol=TIGHT, **options)
     assert run.status == 0

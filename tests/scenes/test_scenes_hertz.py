@@ -73,6 +73,7 @@ def test_hertz_error_falls_with_the_mesh(solved):
     assert rate > 0.7, (found, rate)
 
 
+@pytest.mark.slow
 def test_hertz_quantities_converge_to_the_closed_form(solved):
     """Peak and length of contact, located between nodes, against Hertz's at the resultant of each
     run.

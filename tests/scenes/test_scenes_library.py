@@ -61,6 +61,7 @@ def scene(tmp_path):
     (dict(contact="macro thermal() 1e-3 //"), "thermal needs a number: thermal1 ... thermal9"),
     (dict(contact="macro amplitude(t) t //"), "amplitude needs a number"),
 ], ids=lambda value: value if isinstance(value, str) else "")
+@pytest.mark.some(6)
 def test_bad_scene_is_refused_in_one_line(solved, scene, parts, said):
     run = solved(scene(**parts))
     assert run.status == 2

@@ -8,6 +8,7 @@ from driver.figures.redraw import redraw
 from driver.studies.accuracy import curved, run_accuracy
 
 
+@pytest.mark.slow
 def test_table_and_picture(tmp_path, monkeypatch):
     monkeypatch.setattr(curved, "SIDES", {"P2": ("P2", {})})
     monkeypatch.setattr(curved, "SIZES", (0.16, 0.08))

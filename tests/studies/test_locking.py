@@ -7,6 +7,7 @@ from driver.files import read_rows
 from driver.studies.accuracy import locking, run_accuracy
 
 
+@pytest.mark.slow
 def test_table_and_picture(tmp_path, monkeypatch):
     monkeypatch.setattr(locking, "POISSON", (0.3,))
     monkeypatch.setattr(locking, "CELLS", (1, 2))

@@ -215,6 +215,7 @@ def test_travel_of_bodies_without_support_is_studied_on_any_number_of_ranks(made
 
 @pytest.mark.parametrize("axisymmetric, gap", [
     ("", "d*(1. + x)"), ("macro axisymmetric() 1 //", "d")])
+@pytest.mark.some(1)
 def test_gaps_between_bodies_vary(made, solved, tmp_path, axisymmetric, gap):
     """What pairGap adds to the geometry; and contact of a body of revolution without its loads."""
     path = tmp_path / "apart.edp"
@@ -264,6 +265,7 @@ macro amplitude1(t)"""))
                           "out": str(tmp_path / "out"), "cells": "2"})
 
 
+@pytest.mark.slow
 def test_gaps_on_a_graph_partition_without_condensation(made, solved, monkeypatch):
     monkeypatch.setattr(parametric, "LARGEST", 0)
     summary, files = made(scene="bracket", play="0.01,0.03", steps="3")
@@ -330,6 +332,7 @@ macro initialY() (shift*y) //"""),)
     ("bracket", "play", ["0.01", "0.03"], {"element": "P2"}),
     ("stack", "friction", ["0.3", "0.6"], {}),
 ])
+@pytest.mark.some(3)
 def test_contact_data_of_a_later_value_are_those_of_a_first_one(tmp_path, variant, scene, name,
                                                                 values, options):
     """Contact nodes are found for the first value only, what a value changes for each: the same to
