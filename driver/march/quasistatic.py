@@ -64,6 +64,7 @@ class QuasistaticSolver:
         # of the last step and of the one before: rigid motions (modes,), multipliers (owned,)
         self.motion = self.older_motion = np.zeros(operator.modes)
         self.multipliers = self.older = np.zeros(operator.owned)
+        self.contraction = np.nan  # of the last step that tells
         # (k, 2) displacements of contact's vertices by deformation, where contact follows them
         self.deformed = np.zeros((0, 2))
         self.cycles = cycles
@@ -162,6 +163,7 @@ class QuasistaticSolver:
     def _ends(self, step: Step) -> None:
         """What the next step starts from is what `step` ends in; it is counted."""
         self.multipliers, self.older = step.multipliers, self.multipliers
+        self.contraction = np.nan_to_num(step.contraction, nan=self.contraction)
         self.older_motion = self.motion
         self.motion = step.weights[self.operator.structure.patterns :]
         slip = self.slip.advance(step.multipliers, step.gradient, step.weights, self.scales)
@@ -251,7 +253,8 @@ class QuasistaticSolver:
         The error tells why it was left unfinished.
         """
         op, rows = self.operator, self.rows
-        products, trace, error = op.products, Trace(), None
+        # estimates ask it of the last step
+        products, trace, error = op.products, Trace(rated=index == len(self.times) - 1), None
         self.closure.begin_step(self.contact.motion is not None)
         moved = op.apply(x)
         load = self.load(index, motion, moved)
@@ -259,6 +262,7 @@ class QuasistaticSolver:
         try:
             start = x, moved - load.d, sliding
             answer = self._kept(load, *start[:2]) if self._holds(index) else None
+            trace.rate = np.nan if answer is None else self.contraction
             x, gradient, moved, residuals = answer or self.closure.settled(
                 index, load, start, trace, self._settled)
             self.history.counts["condensed_steps"] += bool(trace.shortcut)

@@ -97,6 +97,7 @@ def snapshot(solver: QuasistaticSolver) -> dict | None:
         "scales": {name: np.asarray(value) for name, value in solver.scales.largest.items()},
         "deformation": solver.scales.displacements, "slip_weights": solver.slip.weights,
         "motion": solver.motion, "older_motion": solver.older_motion,
+        "contraction": solver.contraction,
         "placed": solver.bodies.placed, "deformed": solver.deformed,
         "log_numbers": np.array([product, step, iteration], np.int64),
         "log_kind": np.array(kind, str),
@@ -115,6 +116,7 @@ def restore(solver: QuasistaticSolver, state: dict) -> None:
     history = solver.history
     solver.multipliers, solver.older = state["multipliers"][mine], state["older"][mine]
     solver.motion, solver.older_motion = state["motion"], state["older_motion"]
+    solver.contraction = state["contraction"]
     solver.bodies.placed, solver.deformed = state["placed"], state["deformed"]
     solver.slip.elastic = state["carried"]["elastic"][node]
     solver.slip.weights = state["slip_weights"]

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..errors import NotConverged
 from ..qp import one_solution
+from ..qp.contraction import contraction
 from ..qp.mprgp import projected_gradient
 from . import globalization
 from .condensation import Condensation
@@ -114,16 +115,17 @@ class Shortcut:
         where approximations did not contract.
         """
         try:
-            found = self._found(load, x)
+            found = self._found(load, x, trace)
         except NotConverged:
             found = None
-        if found is not None and trace.shortcut is None and trace.contraction >= 1.0:
+        tried = trace.shortcut is None and len(trace.changes) > 0
+        if found is not None and tried and trace.contraction >= 1.0:
             trace.fallback = True
             self.qp.history.fallbacks.note(globalization.NEWTON, index)
         trace.shortcut = found is not None
         return found
 
-    def _found(self, load: Load, x: np.ndarray) -> tuple | None:
+    def _found(self, load: Load, x: np.ndarray, trace: Trace) -> tuple | None:
         rows, qp, condensation = self.rows, self.qp, self.condensation
         problem = condensation.problem_by_loads(load)
         self.made = True
@@ -136,6 +138,8 @@ class Shortcut:
             bound = rows.friction_bound(x)
             residual = projected_gradient(x, gradient, *rows.limits_at(len(x), bound))
             if qp.size(residual) <= qp.tol:
+                if trace.rated and np.isnan(trace.contraction):
+                    trace.rate = contraction(problem, z, WINDOW)
                 return x, gradient, rows.sliding(x, bound)
             problem = condensation.problem(load, x, gradient)
         return None

@@ -136,6 +136,8 @@ class Trace:
     exact: bool = False  # QPs to the tolerance: multipliers answer violently to residuals
     shortcut: bool | None = None  # whether the condensed problem gave a solution, if it was tried
     refined: bool = False  # the latest gradient is that of refined displacements
+    rated: bool = False  # `contraction` is asked for where no iterations tell it, too
+    rate: float = np.nan  # the answer
 
     def again(self) -> None:
         """Forget that they did not contract."""
@@ -143,12 +145,12 @@ class Trace:
 
     @property
     def contraction(self) -> float:
-        """Geometric mean of the ratios of the last `WINDOW` successive changes; NaN without any.
+        """Geometric mean of the ratios of the last `WINDOW` successive changes; `rate` without any.
 
         A QP whose start was its solution makes no change, which says nothing of the next one.
         """
         last = [change for change in self.changes if change > 0][-WINDOW - 1 :]
-        return (last[-1] / last[0]) ** (1 / (len(last) - 1)) if len(last) > 1 else np.nan
+        return (last[-1] / last[0]) ** (1 / (len(last) - 1)) if len(last) > 1 else self.rate
 
     @property
     def stalls(self) -> bool:

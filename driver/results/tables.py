@@ -63,7 +63,8 @@ HISTORY = (
     Column("fixed_point_iterations", "1", "QPs that were solved in the step"),
     Column("dual_multiplications", "1", "products with the dual matrix in the step"),
     Column("contraction", "1",
-           "mean ratio of successive changes of the fixed point; nan if there was one change"),
+           "mean ratio of successive changes of the fixed point; nan if there was one change at "
+           "most, but in the last step"),
     Column("resultant_n", FORCE, "normal tractions summed over the contact boundary; of several "
            "boundaries the magnitudes added"),
     Column("resultant_t", FORCE, "shear tractions summed over the contact boundary; of several "

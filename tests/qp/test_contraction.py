@@ -1,0 +1,42 @@
+"""By how much successive approximations contract near a solution, by one linear iteration."""
+
+import numpy as np
+import pytest
+from test_complementarity import random_problem
+
+from driver.qp import one_solution
+from driver.qp.contraction import contraction
+from driver.qp.equations import STICK
+
+
+def approximated(problem, bounds):
+    """Friction bounds of the pressures that the solution with given `bounds` (m,) has."""
+    given = problem.under(problem.load, np.zeros(problem.m), offset=bounds)
+    return problem.bounds(one_solution.only_solution(given, given.whole(np.zeros(given.rows))))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_changes_of_friction_bounds_fall_by_it(seed):
+    """From bounds next to those of the solution, so that no state changes; nodes that are held
+    pull, too.
+    """
+    problem = random_problem(seed, 8, largest=0.6, bilateral=seed % 2 == 1)
+    z = one_solution.only_solution(problem, problem.whole(np.zeros(problem.rows)))
+    rate, bounds = contraction(problem, z, 3), problem.bounds(z)
+    slides = problem.states(z)[problem.pair] > STICK
+    found, sizes = (1 + 1e-5) * bounds, []
+    for _ in range(4):
+        sizes.append(np.linalg.norm((found - bounds)[slides]))
+        found = approximated(problem, found)
+    if sizes[1] <= 1e-14 * np.abs(bounds).max():  # nothing slides, or it presses all the same
+        assert np.isnan(rate)
+    else:
+        assert rate == pytest.approx((sizes[3] / sizes[1]) ** (1 / 2), rel=1e-4)
+
+
+def test_nothing_contracts_where_nothing_slides():
+    problem = random_problem(0, 8, largest=0.6)
+    stuck = problem.under(np.append(np.ones(problem.n), np.zeros(problem.m)),
+                          np.full(problem.m, 1e3))
+    z = one_solution.only_solution(stuck, stuck.whole(np.zeros(stuck.rows)))
+    assert np.isnan(contraction(stuck, z, 4))
