@@ -112,7 +112,7 @@ class Condensation:
         """(n + m, patterns) movements of the glued bodies by unit loads, without contact forces."""
         loads = map(self.operator.elastic_response, np.eye(self.operator.structure.patterns))
         moved = [-self.gather(self.glued(d, np.zeros_like(d), -d)[1]) for d in loads]
-        return np.reshape(moved, (-1, self.size)).T
+        return np.reshape(moved, (self.operator.structure.patterns, self.size)).T
 
     def compliance(self) -> np.ndarray:
         """C (n + m, n + m), computed at the first call. Raises NotConverged."""

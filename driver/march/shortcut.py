@@ -73,7 +73,7 @@ class Shortcut:
         """Whether sizes alone tell that elimination is cheaper than successive approximations."""
         elimination, condensation = self.condensation.elimination, self.condensation
         few = condensation.operator.structure.dual_dofs < MANY_ROWS
-        if elimination is None or few or elimination.alike:
+        if elimination is None or few or elimination.alike or not condensation.size:
             return False
         newton = elimination.products(FACTORIZATIONS * condensation.size**3 / 3)
         return elimination.price <= AT_ONCE and newton <= 2 * AT_ONCE

@@ -122,6 +122,12 @@ def test_it_comes_first_where_many_rows_are_cheap_to_eliminate(decided, monkeypa
     assert not way.begins(Trace(), x, np.zeros_like(x))  # x is the solution
 
 
+def test_what_has_no_contact_has_nothing_to_eliminate_for(solved, monkeypatch):
+    monkeypatch.setattr(shortcut, "MANY_ROWS", 1)
+    run = solved("cantilever", subdomains=5, cells=3)
+    assert run.status == 0 and not run.summary["counts"]["condensed_steps"]
+
+
 def test_elimination_first_ends_in_the_same_state(solved, monkeypatch):
     """In a step that no approximations precede, for the few products that show it."""
     later = solved("tutorial", **DRAGGED, quiet="no", friction=0.4)
