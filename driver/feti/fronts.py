@@ -87,8 +87,7 @@ class GluingElimination:
     """Elimination of all but the contact rows; the ranks share the fronts. Collective.
 
     What a front is made of is added in an order that does not depend on who has it. Of a body
-    without free rigid motions. `price` is what `compliance` takes on one rank, in products with F;
-    `alike` whether most subdomains are some of many that are.
+    without free rigid motions. `price` is what `compliance` takes on one rank, in products with F.
     """
 
     def __init__(self, operator: DualOperator):
@@ -106,7 +105,6 @@ class GluingElimination:
         self._owner, self._turn = self._tree.shared(self._holder, operator.comm.size)
         self._factors, self._compliance = {}, None
         shared = self._of_subdomains(lambda s, c: SHARED if c.shared else 1.0)
-        self.alike = 2 * sum(factor == SHARED for factor in shared) > len(shared)
         work = sum(len(of) ** 2 / factor for of, factor in zip(self._numbers, shared))
         fronts = self._tree.operations / SPEED + EACH_FRONT * len(self._tree.fronts)
         self._product = WITH_PRECONDITIONER * work + EACH_PRODUCT

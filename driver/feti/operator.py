@@ -214,6 +214,12 @@ class DualOperator(DualProblem):
         """(k,) scalar products of k pairs of dual vectors, in one message."""
         return self.vectors.dots_of(pairs)
 
+    @property
+    def alike(self) -> bool:
+        """Whether most subdomains, of all ranks, are some of several equal ones; collective."""
+        shared = sum(len(c.members) for c in self.classes if c.shared)
+        return 2 * self.comm.allreduce(shared) > self.comm.allreduce(len(self.structure.subdomains))
+
     def preconditioner(self) -> DirichletPreconditioner:
         """The Dirichlet preconditioner of F."""
         return DirichletPreconditioner(self)

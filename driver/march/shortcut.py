@@ -11,6 +11,8 @@ begin with Newton's method. It is decided from counts and from what a checkpoint
 ranks nor an interruption change it.
 """
 
+import functools
+
 import numpy as np
 
 from ..errors import NotConverged
@@ -63,18 +65,20 @@ class Shortcut:
         Not where x (owned,) and its `gradient` are one: loads that only grow may have predicted it.
         """
         known = self.made if trace.shortcut is None else trace.shortcut
-        first = trace.shortcut is None and not self.made and self._comes_first()
-        if not (known or first) or not self.possible:
+        first = trace.shortcut is None and not self.made and self._comes_first
+        if not (first or known and self.possible):
             return False
         residual = projected_gradient(x, gradient, *self.rows.limits(len(x), x))
         return self.qp.size(residual) > self.qp.tol
 
+    @functools.cached_property
     def _comes_first(self) -> bool:
         """Whether sizes alone tell that elimination is cheaper than successive approximations."""
-        elimination, condensation = self.condensation.elimination, self.condensation
-        few = condensation.operator.structure.dual_dofs < MANY_ROWS
-        if elimination is None or few or elimination.alike or not condensation.size:
+        condensation, operator = self.condensation, self.condensation.operator
+        few = operator.structure.dual_dofs < MANY_ROWS or not condensation.size
+        if few or operator.alike or not self.possible:
             return False
+        elimination = condensation.elimination
         newton = elimination.products(FACTORIZATIONS * condensation.size**3 / 3)
         return elimination.price <= AT_ONCE and newton <= 2 * AT_ONCE
 

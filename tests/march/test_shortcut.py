@@ -108,7 +108,8 @@ def test_it_comes_first_where_many_rows_are_cheap_to_eliminate(decided, monkeypa
 
     def first(least_rows=rows, price=shortcut.AT_ONCE, newton=2 * shortcut.AT_ONCE, tried=None,
               alike=False):
-        monkeypatch.setattr(fronts, "alike", alike)
+        monkeypatch.setattr(type(way.condensation.operator), "alike", alike)
+        vars(way).pop("_comes_first", None)
         monkeypatch.setattr(shortcut, "MANY_ROWS", least_rows)
         monkeypatch.setattr(fronts, "price", price)
         monkeypatch.setattr(fronts, "products", lambda operations: newton)
