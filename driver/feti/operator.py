@@ -218,7 +218,7 @@ class DualOperator(DualProblem):
     def alike(self) -> bool:
         """Whether most subdomains, of all ranks, are some of several equal ones; collective."""
         shared = sum(len(c.members) for c in self.classes if c.shared)
-        return 2 * self.comm.allreduce(shared) > self.comm.allreduce(len(self.structure.subdomains))
+        return 2 * self.comm.allreduce(shared) > self.structure.total
 
     def preconditioner(self) -> DirichletPreconditioner:
         """The Dirichlet preconditioner of F."""

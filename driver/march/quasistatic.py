@@ -253,7 +253,7 @@ class QuasistaticSolver:
         The error tells why it was left unfinished.
         """
         op, rows = self.operator, self.rows
-        # estimates ask it of the last step
+        # of the last step estimates ask how fast it contracts
         products, trace, error = op.products, Trace(rated=index == len(self.times) - 1), None
         self.closure.begin_step(self.contact.motion is not None)
         moved = op.apply(x)
@@ -262,7 +262,8 @@ class QuasistaticSolver:
         try:
             start = x, moved - load.d, sliding
             answer = self._kept(load, *start[:2]) if self._holds(index) else None
-            trace.rate = np.nan if answer is None else self.contraction
+            if answer is not None:
+                trace.rate = self.contraction
             x, gradient, moved, residuals = answer or self.closure.settled(
                 index, load, start, trace, self._settled)
             self.history.counts["condensed_steps"] += bool(trace.shortcut)

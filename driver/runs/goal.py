@@ -2,7 +2,6 @@
 
 The search starts from a mesh eight times coarser than the scene's own and refines. Runs of
 successive meshes are each other's companions (budget.py): nothing is run for the estimate alone but
-cheap things on the second mesh,
 cheap things on the second mesh, which tell how many time steps and what tolerances the request
 takes (trials.py).
 
