@@ -82,9 +82,10 @@ def spring_compliances(classes: list[LocalClass], vectors: DualVectors,
 
 
 def work_of_loads(structure: Substructure, comm) -> np.ndarray:
-    """(2, patterns, modes) work of patterns on motions, and of its absolute values; collective.
+    """(2, patterns, modes) work of patterns on motions, and what it could be; collective.
 
-    Loads on fixed displacements are their supports' and do none, not by rounding either.
+    That is nodal forces times motions whatever their directions: forces across a motion work by its
+    rounding. Loads on fixed displacements are their supports' and do none, not by rounding either.
     """
     work = np.zeros((2, structure.total, structure.patterns, len(structure.rigid_modes)))
     for s, sub in enumerate(structure.subdomains):
@@ -92,6 +93,11 @@ def work_of_loads(structure: Substructure, comm) -> np.ndarray:
             if structure.first + s in mode.members:
                 moved = mode.displacement(sub.xy).ravel()
                 moved[structure.fixed[s]] = 0.0
-                each = sub.loads * moved
-                work[:, structure.first + s, :, k] = each.sum(axis=1), np.abs(each).sum(axis=1)
+                work[0, structure.first + s, :, k] = (sub.loads * moved).sum(axis=1)
+                work[1, structure.first + s, :, k] = _nodal(sub.loads) @ _nodal(moved)
     return np.sum(comm.allgather(work), axis=0).sum(axis=1)
+
+
+def _nodal(values: np.ndarray) -> np.ndarray:
+    """(..., nodes) lengths of the nodal vectors of (..., dofs)."""
+    return np.linalg.norm(values.reshape(*values.shape[:-1], -1, 2), axis=-1)

@@ -380,6 +380,41 @@ def test_loads_across_a_motion_do_no_work_on_it(built, tmp_path):
         assert work.shape[1] == 1 and not work.any()
 
 
+PRESSED = """include "scene.idp"
+subdomains("4");
+border a(t=0, 1) { x = 1.602*t; y = 0.; label = 1; }
+border b(t=0, 1) { x = 1.602; y = 1.16*t; label = 2; }
+border c(t=0, 1) { x = 1.602 - 1.602*t; y = 1.16 - 0.737296*t; label = 3; }
+border d(t=0, 1) { x = 0.; y = 0.422704 - 0.422704*t; label = 4; }
+body = buildmesh(a(7) + b(5) + c(7) + d(2));
+macro young() 1. //
+macro poisson() 0.2 //
+macro support() on(4, u2 = 0.) //
+macro load1() traction(3, 0., -1e-4) //
+macro contact() 1 //
+include "export.idp"
+"""
+
+
+def test_loads_across_a_motion_have_the_size_of_their_rounding(built, steps_of, tmp_path):
+    """A wedge on rollers, free to move aside and to turn, pressed down on a smooth floor.
+
+    At this cut one motion is the way aside, but for 1e-17 up or down. What loads did on it was
+    rounding, counted as all that they could do, and contact was said not to balance it.
+    """
+    path = tmp_path / "pressed.edp"
+    path.write_text(PRESSED)
+    forces = []
+    for cut in (1, 21):
+        problem = built(scene=path, subdomains=cut, element="P1")
+        solver, steps = steps_of(problem, rtol=1e-10, friction_rtol=1e-8)
+        assert solver.failure is None
+        size = solver.operator.imbalance(np.zeros(solver.operator.owned), np.ones(1))[1]
+        assert size.min() > 1e-8 * size.max()  # BALANCED is 1e-6, motions are of one size
+        forces.append(steps[-1].multipliers[solver.rows.normal].sum())
+    assert forces[1] == pytest.approx(forces[0], rel=1e-7)
+
+
 def test_rounding_resists_no_motion():
     """Two nodes on a floor that a motion along it moves by 1e-16: pushed along, nothing holds it.
 
