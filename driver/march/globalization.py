@@ -4,9 +4,9 @@
 2. The contact rows alone, condensed: semismooth Newton from the last iterate, or from successive
    approximations beside it, and where that does not settle Lemke's method, which finds a solution
    for any friction coefficient. It may fail for bodies without support and contact that pulls: then
-   branch and bound over all states, which may prove that there is no solution, friction that grows
-   from less, states that violate the law less and less, one mixed-integer program for all states,
-   and a longer search; of more nodes than MOST_NODES all this among those that touch or nearly do
+   a path of solutions under loads that become the step's, branch and bound over all states, which
+   may prove that there is no solution, states that violate the law less and less, and a longer
+   search; of more nodes than MOST_NODES all this among those that touch or nearly do
    (few_nodes.py). Where slip changes friction, a solution with given coefficients is the start for
    that with those of its own slip.
 
@@ -19,15 +19,14 @@ import numpy as np
 
 from ..qp import complementarity
 from ..qp.branching import LAST_PROGRAMS, MOST_NODES, search_states
-from ..qp.continuation import with_growing_friction
+from ..qp.continuation import at_the_end_of_a_path
 from ..qp.coulomb import CoulombProblem
 from ..qp.few_nodes import solution_among
-from ..qp.integer import solution_within_limits
 
 ANDERSON = "Anderson acceleration"
 NEWTON = "Newton on the condensed contact rows"
 LEMKE = "Lemke's method"
-CONTINUATION = "growing friction"
+CONTINUATION = "a path of solutions under other loads"
 SEARCH = "a search of the states of contact nodes"
 NO_STATE = "none of all states"  # is a solution, which that search has proved
 CONDENSED_NODES = 1000  # contact nodes up to which their compliance, a dense matrix, is made
@@ -61,6 +60,8 @@ def solve_condensed(problem: CoulombProblem, start: np.ndarray) -> tuple[np.ndar
     if z is not None:
         return z, NEWTON
     ways = [(LEMKE, lambda: complementarity.lemke(problem))]
+    if problem.n <= MOST_NODES:
+        ways.append((CONTINUATION, lambda: at_the_end_of_a_path(problem, start)))
     if problem.k or problem.bilateral.any():  # else Lemke's method is sure to end
         ways = [(NEWTON, lambda: _newton_from_all_alike(problem)), *ways]
     for method, look in ways:
@@ -74,14 +75,9 @@ def solve_condensed(problem: CoulombProblem, start: np.ndarray) -> tuple[np.ndar
         return found.solution, SEARCH
     if found.certain:
         return None, NO_STATE
-    if problem.coefficient.any():
-        z = with_growing_friction(problem, start)
-        if z is not None:
-            return z, CONTINUATION
-    for look in (lambda: _descended(problem, start), lambda: solution_within_limits(problem)):
-        z = look()
-        if z is not None:
-            return z, SEARCH
+    z = _descended(problem, start)
+    if z is not None:
+        return z, SEARCH
     found = search_states(problem, LAST_PROGRAMS)
     return found.solution, NO_STATE if found.certain and found.solution is None else SEARCH
 

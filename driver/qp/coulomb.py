@@ -91,6 +91,12 @@ class CoulombProblem:
             other._set_offset(offset)
         return other
 
+    def yielding(self, part: float) -> "CoulombProblem":
+        """The same problem, in which every row yields by `part` of its compliance more."""
+        own = np.diag(part * np.diag(self.compliance))
+        return CoulombProblem(self.compliance + own, self.load, self.coefficient, self.pair,
+                              self.bilateral, self.motions, self.balance, self.offset)
+
     def softer(self, part: float) -> "CoulombProblem":
         """The same problem, in which movements count by `part` of the rigidity in `states`.
 
