@@ -29,11 +29,11 @@ SMALL = (1e-3, 1e-1)  # random parts of d_0, relative to forces and movements
 # compliance of every row beside its own: conditions that depend on one another, as where three
 # bodies meet in one place, have unique forces; Newton's method ends in the problem as it is
 OWN = 1e-10
-FAR = 1e6  # theta at which a path has run off
+FAR = 1e6  # theta, or ways of bodies in units of what loads move, at which a path has run off
 
 
 def at_the_end_of_a_path(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
-    """A solution z (n + m + k,) on a path from all nodes sticking, sliding or open, or from `start`.
+    """A solution z (n + m + k,) on a path from all nodes sticking, sliding, open, or from `start`.
 
     None if all run off or take more than PIVOTS changes of states. Deterministic.
     """
@@ -130,13 +130,26 @@ class _Path:
             steps[falls] = np.maximum(-now[falls] / rate[falls], 0.0)
             changed = np.unravel_index(np.argmin(steps), steps.shape)
             step = steps[changed]
-            if faster > 0 and self.theta + step * faster >= 1.0:
-                return self.z + (1.0 - self.theta) / faster * way
-            if not np.isfinite(step) or abs(self.theta) > FAR:
+            last = faster > 0 and self.theta + step * faster >= 1.0
+            step = (1.0 - self.theta) / faster if last else step
+            if not np.isfinite(step) or self._is_off(step * way):
                 return None
             self.z, self.theta = self.z + step * way, self.theta + step * faster
+            if last:
+                return self.z
             changed = self._crossed(*changed, slip + step * slips)
         return None
+
+    def _is_off(self, way: np.ndarray) -> bool:
+        """Whether bodies that go on by this `way` of z, or loads, are too far to come back.
+
+        Where nothing holds a body theta grows by rounding alone.
+        """
+        problem, ways = self.problem, way[self.problem.rows :]
+        moved = np.abs(problem.motions @ ways).max(initial=0.0)
+        work = np.abs(problem.balance / problem.reach).max(initial=0.0)
+        near = max(np.abs(problem.load).max(), work / problem.rigidity.min())
+        return abs(self.theta) > FAR or moved > FAR * near
 
     def _direction(self) -> tuple[np.ndarray, float]:
         """The way of z and of theta along the path, of either sense.

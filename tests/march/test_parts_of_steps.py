@@ -550,9 +550,9 @@ def test_when_other_solutions_are_looked_for(choice, nodes, friction, doubtful, 
 @pytest.mark.parametrize("solver, motions, friction, method", [
     ("newton", 0, 0.5, globalization.NEWTON), ("lemke", 0, 0.5, globalization.LEMKE),
     ("all alike", 1, 0.5, globalization.NEWTON), ("lemke", 1, 0.5, globalization.LEMKE),
-    ("search", 1, 0.5, globalization.SEARCH), ("growing", 1, 0.5, globalization.CONTINUATION),
-    ("descend", 1, 0.5, globalization.SEARCH), ("descend", 1, 0.0, globalization.SEARCH),
-    ("program", 1, 0.5, globalization.SEARCH), ("longer", 1, 0.5, globalization.SEARCH)])
+    ("path", 0, 0.5, globalization.CONTINUATION), ("path", 1, 0.5, globalization.CONTINUATION),
+    ("search", 1, 0.5, globalization.SEARCH), ("descend", 1, 0.0, globalization.SEARCH),
+    ("longer", 1, 0.5, globalization.SEARCH)])
 def test_the_first_method_that_finds_a_solution(monkeypatch, solver, motions, friction, method):
     """In their order; starts in which all nodes are alike for bodies without support."""
     tried = []
@@ -573,16 +573,14 @@ def test_the_first_method_that_finds_a_solution(monkeypatch, solver, motions, fr
     longer = attempt("longer", Search(z, True), Search(None, False))
     monkeypatch.setattr(globalization, "search_states",
                         lambda *given: longer() if len(given) > 1 else brief())
-    monkeypatch.setattr(globalization, "with_growing_friction", attempt("growing", z))
-    monkeypatch.setattr(globalization, "solution_within_limits", attempt("program", z))
+    monkeypatch.setattr(globalization, "at_the_end_of_a_path", attempt("path", z))
     problem = SimpleNamespace(k=motions, bilateral=np.zeros(1, bool), n=2,
                               coefficient=np.array([friction]))
     found, by = globalization.solve_condensed(problem, np.zeros(1))
     assert found is z and by == method and tried[-1] == solver
-    order = ["newton", *(["all alike"] if motions else []), "lemke", "search",
-             *(["growing"] if friction else []), "descend"]
-    if solver in ("program", "longer"):
-        order += ["descend", "program", "longer"]  # descent from two starts
+    order = ["newton", *(["all alike"] if motions else []), "lemke", "path", "search", "descend"]
+    if solver == "longer":
+        order += ["descend", "longer"]  # descent from two starts
     assert tried == order[: order.index(solver) + 1]
 
 
@@ -591,8 +589,7 @@ def test_where_no_method_finds_a_solution(monkeypatch):
     for name in ("approached", "lemke", "descend"):
         monkeypatch.setattr(globalization.complementarity, name, lambda *_: None)
     monkeypatch.setattr(globalization.complementarity, "all_alike", lambda problem: [])
-    for name in ("with_growing_friction", "solution_within_limits"):
-        monkeypatch.setattr(globalization, name, lambda *_: None)
+    monkeypatch.setattr(globalization, "at_the_end_of_a_path", lambda *_: None)
     problem = SimpleNamespace(k=1, bilateral=np.zeros(1, bool), n=globalization.MOST_NODES,
                               coefficient=np.ones(1))
     for most, method in ((1, globalization.NO_STATE), (2, globalization.NO_STATE),

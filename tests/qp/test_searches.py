@@ -1,5 +1,5 @@
-"""Solutions where Newton's and Lemke's methods find none: all states, descent, growing friction;
-and what counts as a solution where conditions depend on one another or bodies jam.
+"""Solutions where Newton's and Lemke's methods find none: all states, descent; and what counts as a
+solution where conditions depend on one another or bodies jam.
 """
 
 import itertools
@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from driver.qp import (branching, coefficients, complementarity, continuation, integer,
-                       scaled)
+from driver.march import globalization
+from driver.qp import branching, coefficients, complementarity, scaled
 from driver.qp.coulomb import FORWARD, CoulombProblem
 from driver.qp.scaled import Scaled
 from driver.hard.bounded import unbalanced_by_friction
@@ -125,39 +125,6 @@ def test_branch_and_bound_knows_its_limits(monkeypatch):
     assert hidden.solution is None and not hidden.certain
     found = branching.search_states(problem, 1)
     assert found.solution is None and not found.certain
-
-
-@pytest.mark.parametrize("motions, pulls", [(2, False), (2, True)])
-@pytest.mark.some(1)
-def test_one_program_finds_states(motions, pulls, monkeypatch):
-    """Of bodies on far too soft springs as well, whose load makes rows move 1e6 times as far.
-
-    The states of the program are those of the solution: Newton's method needs two steps.
-    """
-    monkeypatch.setattr(integer, "BRIEFLY", 2)
-    ends, exist = 0, 0
-    for seed in range(SEEDS):
-        problem = random_problem(seed, 3, motions, pulls, 20.0 if pulls else 4.0)
-        soft = problem.on_springs(1e6, np.zeros(motions))
-        sprung = CoulombProblem(soft.compliance, soft.load, problem.coefficient, problem.pair,
-                                pulls, problem.motions, problem.balance)
-        z = integer.solution_within_limits(sprung)
-        assert z is None or sprung.solves(z)
-        ends, exist = ends + (z is not None), exist + has_solution(problem)
-    assert 0.9 * exist <= ends <= exist
-
-
-def test_friction_that_grows_leads_to_a_solution(monkeypatch):
-    """From half of the friction Newton's method follows to the whole, without Lemke's there."""
-    honest, ends = complementarity.lemke, 0
-    for seed in range(SEEDS):
-        problem = random_problem(seed, 4, 0)
-        monkeypatch.setattr(complementarity, "lemke", lambda other, own=problem: None if (
-            other.coefficient == own.coefficient).all() else honest(other))
-        z = continuation.with_growing_friction(problem, problem.whole(0 * problem.load))
-        assert z is None or problem.solves(z)
-        ends += z is not None
-    assert ends >= 0.8 * SEEDS  # paths may turn back
 
 
 # ------------------------------------------------------------------------------ programs
@@ -338,116 +305,6 @@ def test_what_a_program_does_not_answer_is_no_proof(monkeypatch):
     monkeypatch.setattr(branching._Search, "_program", program)
     monkeypatch.setattr("scipy.optimize.milp", lambda *_, **more: SimpleNamespace(status=1, x=None))
     assert branching._Search(known.problem)._program(*np.zeros((2, 4), int)) == (True, None)
-
-
-@pytest.mark.parametrize("pulls", [False, True])
-@pytest.mark.parametrize("seed", range(6))
-def test_alternatives_of_the_one_program_are_those_of_the_law(seed, pulls, monkeypatch):
-    """A solution is a point of it with the binaries of its states, and with no others."""
-    known, asked = Known(seed, pulls), {}
-
-    def milp(cost, **given):
-        asked.update(given)
-        return SimpleNamespace(x=None)
-
-    monkeypatch.setattr("scipy.optimize.milp", milp)
-    scaled, limit = Scaled(known.problem), 1e3
-    assert integer._answer(scaled, limit) is None
-    x = known.point(scaled)
-
-    def allowed(presses, forth, back) -> bool:
-        whole = np.concatenate([x, np.maximum(x[:4], 0), np.maximum(-x[:4], 0), presses, forth,
-                                back])
-        of, box = asked["constraints"], asked["bounds"]
-        rows, slack = of.A @ whole, 1e-9 * limit
-        return bool((rows >= of.lb - slack).all() and (rows <= of.ub + slack).all()
-                    and (whole >= box.lb - slack).all() and (whole <= box.ub + slack).all())
-
-    own = [1.0 * (known.z[:4] > 0), 1.0 * (known.rub == FORTH), 1.0 * (known.rub == BACK)]
-    assert allowed(*own)
-    assert asked["integrality"].tolist() == [0] * (8 + scaled.k + 8) + [1] * 12
-    for which in range(3):
-        for node in range(4):
-            other = [binary.copy() for binary in own]
-            other[which][node] = 1 - other[which][node]
-            if known.slides[node] or which == 0 or known.strict[node]:
-                assert not allowed(*other), (which, node)
-
-
-class Path:
-    """In place of Newton's and Lemke's methods: a solution is its part of the friction, which may
-    grow to `ratio` times that of the start and not beyond `end`; from nothing up to `first`.
-    """
-
-    def __init__(self, monkeypatch, ratio=1.3, end=1.0, first=0.5, lemke=0.0):
-        self.tried, self.ratio, self.end, self.first = [], ratio, end, first
-        monkeypatch.setattr(complementarity, "newton", self.newton)
-        monkeypatch.setattr(complementarity, "all_alike", lambda problem: [])
-        monkeypatch.setattr(complementarity, "lemke", lambda problem: (
-            problem.coefficient[:1].copy() if problem.coefficient[0] <= lemke else None))
-        self.problem = CoulombProblem(np.eye(2), np.ones(2), np.ones(1), np.arange(1))
-
-    def newton(self, problem, near):
-        part = problem.coefficient[0]
-        known = near[0] > 0
-        found = part <= (min(self.end, self.ratio * near[0]) if known else self.first)
-        if known:
-            self.tried.append((near[0], part, found))
-        return problem.coefficient[:1].copy() if found else None
-
-    def followed(self):
-        return continuation.with_growing_friction(self.problem, np.zeros(1))
-
-
-def test_friction_grows_by_steps_that_succeed(monkeypatch):
-    """By longer ones after each, up to twice as much, by shorter ones after a failure; all of it at
-    the end.
-    """
-    path = Path(monkeypatch)
-    assert path.followed() == [1.0]
-    assert path.tried[0] == (0.5, 1.0, False)  # twice as much
-    for (near, part, found), (then, more, _) in zip(path.tried, path.tried[1:]):
-        grows = (part / near)**1.5 if found else np.sqrt(part / near)
-        assert then == (part if found else near)
-        assert more == pytest.approx(min(1.0, then * min(grows, 2.0)))
-    assert path.tried[-1][1:] == (1.0, True)
-
-
-def test_a_path_of_friction_that_turns_back_is_left(monkeypatch):
-    """Where not even a ten-thousandth more succeeds."""
-    path = Path(monkeypatch, end=0.7)
-    assert path.followed() is None
-    best = max(part for _, part, found in path.tried if found)
-    assert 0.7 / 1.0002 < best <= 0.7
-    near, part, _ = path.tried[-1]
-    assert part / near < 1.0001 and near == best
-    whole = Path(monkeypatch)
-    assert whole.followed() == [1.0]
-    monkeypatch.setattr(continuation, "STEPS", len(whole.tried) - 1)
-    assert Path(monkeypatch).followed() is None
-
-
-@pytest.mark.parametrize("first, lemke, part", [
-    (0.5, 0.0, 0.5), (0.3, 0.0, 0.25), (0.1, 0.3, 0.25), (0.0625, 0.0, 0.0625), (0.06, 0.0, None)])
-def test_friction_is_halved_for_a_first_solution(monkeypatch, first, lemke, part):
-    """By Newton's or Lemke's method, down to a sixteenth; with less there is none to follow."""
-    path = Path(monkeypatch, first=first, lemke=lemke)
-    z, known = continuation._with_less(path.problem, np.zeros(1))
-    assert (z is None) == (part is None) and known == (part or 0.0625)
-    assert part is None or z == [part]
-    assert part is not None or path.followed() is None
-
-
-def test_one_program_knows_its_limits(monkeypatch):
-    """Up to MOST_NODES, with wider limits where the first are too narrow; an answer may be none."""
-    tried = []
-    monkeypatch.setattr(integer, "_answer", lambda scaled, limit: tried.append(limit))
-    assert integer.solution_within_limits(random_problem(1, integer.MOST_NODES, 1)) is None
-    assert tried == [*integer.LIMITS] and len(set(tried)) == 2
-    assert integer.solution_within_limits(random_problem(1, integer.MOST_NODES + 1, 1)) is None
-    assert len(tried) == 2
-    monkeypatch.setattr(branching._Search, "run", lambda self, programs: "searched")
-    assert branching.search_states(random_problem(1, branching.MOST_NODES, 1)) == "searched"
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1e5])
@@ -657,3 +514,17 @@ def test_friction_that_cannot_balance_a_push_is_known_without_a_search():
         assert share <= 1e-6 or not expected, seed
         said, none = said + (share > 1e-6), none + (not expected)
     assert 0.5 * none < said
+
+
+@pytest.mark.parametrize("seed, motions, pulls, friction", [(75, 2, True, 20.0),
+                                                            (64, 3, False, 100.0)])
+def test_a_path_ends_in_a_solution_that_other_methods_do_not_find(seed, motions, pulls, friction):
+    """Found by going through random problems: five nodes, much friction."""
+    problem = random_problem(seed, 5, motions, pulls, friction)
+    start = problem.whole(0 * problem.load)
+    assert complementarity.approached(problem, start) is None
+    assert globalization._newton_from_all_alike(problem) is None
+    assert complementarity.lemke(problem) is None
+    assert globalization._descended(problem, start) is None
+    found, method = globalization.solve_condensed(problem, start)
+    assert problem.solves(found) and method == globalization.CONTINUATION
