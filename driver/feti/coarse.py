@@ -19,7 +19,7 @@ from scipy.sparse import coo_matrix, csr_matrix, diags
 
 from ..errors import NoSolution
 from .cholesky import SINGULAR
-from .dissection import Dissection, Elements, grouped
+from .dissection import Dissection, Elements, grouped, middles
 from .factorization import factorized, petsc_matrix
 from .gathering import Gathering, gather, joined, lookup
 from .reduction import LocalClass
@@ -103,8 +103,7 @@ class CoarseProblem:
         for c in classes:
             for s in c.members:
                 matrices[s] = c.S.ravel()
-        places = [(sub.xy.min(axis=0) + sub.xy.max(axis=0)) / 2 for sub in subs]
-        group, depth = grouped(np.array(places).reshape(-1, 2), self.comm)
+        group, depth = grouped(middles(structure), self.comm)
         kept, pins = np.zeros((2, self.dofs), bool)
         near = sorted({*structure.renewed, *structure.touching})
         kept[gather(self.comm, joined((corners[s] for s in near), int))] = True

@@ -28,21 +28,34 @@ def grouped(places: np.ndarray, comm) -> tuple[np.ndarray, int]:
 
     Groups g and g ^ 1 come from one half, as do those with equal g >> k for any k. Collective.
     """
-    everyone = gather(comm, places)
-    depth = max(0, int(np.ceil(np.log2(max(len(everyone), 1) / GROUP))))
-    group, parts = np.zeros(len(everyone), np.int64), [np.arange(len(everyone))]
+    group, depth = halved(gather(comm, places), GROUP)
+    first = sum(comm.allgather(len(places))[: comm.rank])
+    return group[first : first + len(places)], depth
+
+
+def halved(places: np.ndarray, most: int) -> tuple[np.ndarray, int]:
+    """Group (n,) of every element by its place (n, 2), of `most` each, and how often all were
+    halved.
+    """
+    depth = max(0, int(np.ceil(np.log2(max(len(places), 1) / most))))
+    group, parts = np.zeros(len(places), np.int64), [np.arange(len(places))]
     for _ in range(depth):
         halves = []
         for part in parts:
-            xy = everyone[part]
+            xy = places[part]
             axis = int(np.ptp(xy, axis=0).argmax()) if len(part) else 0
             order, middle = np.argsort(xy[:, axis], kind="stable"), len(part) // 2
             halves += [np.sort(part[order[:middle]]), np.sort(part[order[middle:]])]
         parts = halves
     for number, part in enumerate(parts):
         group[part] = number
-    first = sum(comm.allgather(len(places))[: comm.rank])
-    return group[first : first + len(places)], depth
+    return group, depth
+
+
+def middles(structure) -> np.ndarray:
+    """(subdomains, 2) the middle of each of the rank's subdomains."""
+    return np.reshape([(sub.xy.min(axis=0) + sub.xy.max(axis=0)) / 2
+                       for sub in structure.subdomains], (-1, 2))
 
 
 class Dissection:

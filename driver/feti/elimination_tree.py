@@ -1,18 +1,17 @@
 """The order in which gluing rows and corners are eliminated: a tree of fronts, by patterns alone.
 
-Unknowns that belong to the same subdomains make a group. Approximate minimum degree (P. R. Amestoy,
-T. A. Davis, I. S. Duff, SIAM J. Matrix Anal. Appl. 17 (1996)) orders the groups; the front of a
-group waits for those of its children, whose rest it contains. Many groups are small and their rest
-is large, as contact rows stay in it: then the time goes into copies of the rest. A child whose rest
-fills most of its parent's front is eliminated there, with zeros for what it does not meet (C.
-Ashcraft, R. G. Grimes, ACM Trans. Math. Softw. 15 (1989) 291-309: relaxed supernodes).
+Unknowns that belong to the same subdomains make a group. Subdomains are halved by their places,
+again and again, and groups inside a half come before those between halves, so that ranks have
+halves of their own (nested dissection: A. George, SIAM J. Numer. Anal. 10 (1973) 345-363). The
+front of a group waits for those of its children, whose rest it contains. Many groups are small and
+their rest is large, as contact rows stay in it: then the time goes into copies of the rest. A child
+whose rest fills most of its parent's front is eliminated there, with zeros for what it does not
+meet (C. Ashcraft, R. G. Grimes, ACM Trans. Math. Softw. 15 (1989) 291-309: relaxed supernodes).
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from cvxopt import amd, spmatrix
-from scipy.sparse import coo_matrix, tril
 
 from .gathering import joined
 
@@ -61,12 +60,14 @@ class EliminationTree:
     `children` (fronts + 1,) say of it; what waits for the last is contact, numbered like one more.
     """
 
-    def __init__(self, numbers: list[np.ndarray], size: int, dual: int, rows: np.ndarray):
+    def __init__(self, numbers: list[np.ndarray], size: int, dual: int, rows: np.ndarray,
+                 halves: np.ndarray):
         """`numbers` of every subdomain's unknowns: dual rows, then corner dofs from `dual` on.
 
-        The contact `rows` are not eliminated.
+        The contact `rows` are not eliminated. `halves` (subdomains,) as `dissection.halved` has
+        them.
         """
-        group, count = groups(numbers, size, dual, rows)
+        group, count = groups(numbers, size, dual, rows, halves)
         sizes = np.bincount(group)
         self.fronts = _merged(_met(numbers, group), sizes, count)
         fronts = len(self.fronts)
@@ -150,12 +151,13 @@ class EliminationTree:
         return free[owner[-1]], owner[top], np.argsort(place[top], kind="stable")
 
 
-def groups(numbers: list[np.ndarray], size: int, dual: int,
-           rows: np.ndarray) -> tuple[np.ndarray, int]:
+def groups(numbers: list[np.ndarray], size: int, dual: int, rows: np.ndarray,
+           halves: np.ndarray) -> tuple[np.ndarray, int]:
     """(size,) group of every unknown by its turn, and the number of those to be eliminated.
 
     Unknowns of a group belong to the same subdomains, and are gluing rows, corner dofs, numbers
-    from `dual` on, or the contact `rows`, whose groups come last.
+    from `dual` on, or the contact `rows`, whose groups come last. Those inside one of the `halves`
+    (subdomains,), or one of halves of these, come before those that reach beyond it.
     """
     of, every = _pairs(numbers)
     # equal sums of random numbers are those of equal sets
@@ -166,14 +168,14 @@ def groups(numbers: list[np.ndarray], size: int, dual: int,
     inner[rows] = False
     group = np.unique(meets, return_inverse=True)[1]
     count = int(group[inner].max(initial=-1)) + 1
+    first, last = np.full(count, np.iinfo(int).max), np.full(count, -1)
+    inner = inner[every]
+    place, of = group[every[inner]], halves[of[inner]]
+    np.minimum.at(first, place, of)
+    np.maximum.at(last, place, of)
+    level = np.frexp(first ^ last)[1]  # how many halves up one has them all
     turn = np.arange(group.max(initial=-1) + 1)
-    if count:
-        inner = inner[every]
-        entries = np.ones(np.count_nonzero(inner)), (of[inner], group[every[inner]])
-        present = coo_matrix(entries, shape=(len(numbers), count)).tocsr()
-        meet = tril(present.T @ present, format="coo")
-        pattern = spmatrix(1.0, meet.row, meet.col, (count, count))
-        turn[np.array(amd.order(pattern)).ravel()] = np.arange(count)
+    turn[np.lexsort((level, (first >> level) + 1 << level))] = np.arange(count)
     return turn[group], count
 
 

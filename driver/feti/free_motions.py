@@ -100,4 +100,4 @@ def work_of_loads(structure: Substructure, comm) -> np.ndarray:
 
 def _nodal(values: np.ndarray) -> np.ndarray:
     """(..., nodes) lengths of the nodal vectors of (..., dofs)."""
-    return np.linalg.norm(values.reshape(*values.shape[:-1], -1, 2), axis=-1)
+    return np.linalg.norm(values.reshape(*values.shape[:-1], values.shape[-1] // 2, 2), axis=-1)

@@ -21,6 +21,7 @@ import numpy as np
 from scipy.linalg import blas, lapack, solve_triangular
 
 from ..errors import NotConverged, agree
+from .dissection import halved, middles
 from .elimination_tree import EliminationTree
 from .exchange import Handover, exchanged
 from .gathering import gather, joined
@@ -33,6 +34,7 @@ SHARED = 5.0  # multiplications with a matrix that many subdomains share
 WITH_PRECONDITIONER = 2.0  # the Dirichlet preconditioner has matrices of the size of F's
 # multiplications in the time that a front takes however small, and a product with what QPs do by it
 EACH_FRONT, EACH_PRODUCT = 4e5, 8e5
+BLOCK = 256  # rows that are mirrored at a time
 A_BLOCK = 200  # entries that are added one by one in the time that a block takes however small
 
 
@@ -100,7 +102,8 @@ class GluingElimination:
                                    self._dual + structure.corner_global[s]))
         self._holder = np.repeat(np.arange(operator.comm.size),
                                  operator.comm.allgather(len(structure.subdomains)))
-        self._tree = EliminationTree(self._numbers, size, self._dual, rows)
+        halves, _ = halved(gather(operator.comm, middles(structure)), 1)
+        self._tree = EliminationTree(self._numbers, size, self._dual, rows, halves)
         self._place = self._tree.place
         self._owner, self._turn = self._tree.shared(self._holder, operator.comm.size)
         self._factors, self._compliance = {}, None
@@ -203,7 +206,7 @@ class GluingElimination:
             index, matrix = _assembled(parts[front] + list(left.values()))
             parts[front] = None
             if front == len(tree.fronts):  # the contact rows, each of which has a subdomain
-                C[:] = np.tril(matrix)
+                C[:] = matrix
                 break
             places = {child: np.searchsorted(index, rest) for child, (rest, _) in left.items()}
             del left
@@ -218,7 +221,7 @@ class GluingElimination:
         comm.Bcast(C, self._owner[-1])
         self._own_pivots = joined([factors.own for factors in self._factors.values()], int)
         self._pivots = gather(comm, self._own_pivots)
-        self._compliance = C + np.tril(C, -1).T
+        self._compliance = _mirror(C)
 
     def _left(self, way: Handover, child: int) -> tuple[np.ndarray, np.ndarray]:
         """Index and matrix that the front `child` leaves."""
@@ -235,12 +238,12 @@ class GluingElimination:
         inner = np.searchsorted(index, len(self._place) - self._last)
         places = {child: place[place < inner] for child, place in places.items()}
         places = {child: place for child, place in places.items() if len(place)}
-        factors, done = Factors(index[:inner], pivots.sum(), places), 0
-        for m, sign in zip(pivots, (1.0, -1.0)):
-            if m:
-                factor, rest, matrix = _eliminated(matrix, m, sign)
-                done += m
-                factors.parts.append(Factor(sign, factor, rest[:, : inner - done].copy()))
+        factors, first = Factors(index[:inner], pivots.sum(), places), 0
+        parts, matrix = _eliminated(matrix, pivots)
+        for part in parts:
+            first += len(part.pivots)
+            part.rest = part.rest[:, : inner - first].copy()
+        factors.parts = [part for part in parts if len(part.pivots)]
         self._factors[front] = factors
         return matrix
 
@@ -280,17 +283,38 @@ def _add(total: np.ndarray, place: np.ndarray, matrix: np.ndarray) -> None:
             total[to, beside] += matrix[rows, columns]
 
 
-def _eliminated(matrix: np.ndarray, m: int, sign: float) -> tuple[np.ndarray, ...]:
-    """Factor L (m, m) of the first m unknowns, of definite `sign`, L^-1 times the rest (m, r), and
-    what their elimination leaves of it (r, r).
+def _eliminated(matrix: np.ndarray, pivots: np.ndarray) -> tuple[list[Factor], np.ndarray]:
+    """The factors of the first `pivots` (2,) unknowns, positive and negative definite ones, and
+    what their elimination leaves of the rest (r, r).
 
-    Of `matrix` (m + r, m + r) and of what is left the lower triangle counts. Raises NotConverged.
+    Of `matrix` (n, n), which is used up, and of what is left the lower triangle counts. Raises
+    NotConverged.
     """
-    pivots, failed = lapack.dpotrf(sign * matrix[:m, :m], lower=1)
-    if failed or not np.isfinite(pivots.diagonal()).all():
-        raise NotConverged("the contact compliance: gluing conditions could not be eliminated")
-    rest = solve_triangular(pivots, matrix[m:, :m].T, lower=True, check_finite=False)
-    left = matrix[m:, m:].copy()
-    if left.size:  # its lower triangle is the upper one of the transpose, which BLAS takes as it is
-        left = blas.dsyrk(-sign, rest, beta=1.0, c=left.T, trans=1, lower=0, overwrite_c=1).T
-    return pivots, rest, left
+    parts, first, count = [], 0, int(pivots.sum())
+    for m, sign in zip(pivots, (1.0, -1.0)):
+        end = first + m
+        factor, failed = lapack.dpotrf(sign * matrix[first:end, first:end], lower=1) if m else (
+            np.empty((0, 0)), 0)
+        if failed or not np.isfinite(factor.diagonal()).all():
+            raise NotConverged("the contact compliance: gluing conditions could not be eliminated")
+        rest = solve_triangular(factor, matrix[end:, first:end].T, lower=True, check_finite=False
+                                ) if m and end < len(matrix) else np.zeros((m, len(matrix) - end))
+        matrix[end:, end:count] -= sign * (rest.T @ rest[:, : count - end])  # pivots to come
+        parts.append(Factor(sign, factor, rest))
+        first = end
+    left = matrix[count:, count:].copy()
+    for part in parts:
+        if left.size and len(part.pivots):
+            # its lower triangle is the upper one of the transpose, which BLAS takes as it is
+            left = blas.dsyrk(-part.sign, part.rest[:, -len(left) :], beta=1.0, c=left.T, trans=1,
+                              lower=0, overwrite_c=1).T
+    return parts, left
+
+
+def _mirror(matrix: np.ndarray) -> np.ndarray:
+    """`matrix` (n, n), of which the lower triangle counts, made symmetric in place."""
+    for first in range(0, len(matrix), BLOCK):
+        here = slice(first, first + BLOCK)
+        matrix[here, here] = np.tril(matrix[here, here]) + np.tril(matrix[here, here], -1).T
+        matrix[here, first + BLOCK :] = matrix[first + BLOCK :, here].T
+    return matrix

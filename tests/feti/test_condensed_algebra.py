@@ -26,11 +26,12 @@ def spd(size: int, seed=1) -> np.ndarray:
 # unknowns of three subdomains: dual rows 0..6, of which 2 and 5 belong to contact; corners 7, 8, 9
 NUMBERS = [np.array([0, 1, 2, 7, 8]), np.array([1, 0, 3, 4, 8, 9, 7]), np.array([4, 3, 5, 6, 9])]
 ROWS, DUAL, SIZE = np.array([5, 2]), 7, 10
+HALVES = np.array([0, 1, 3])  # the third subdomain by itself
 
 
 def test_unknowns_of_a_front_belong_to_the_same_subdomains():
     """Gluing rows, corners and contact rows apart; those of contact after all others."""
-    group, count = elimination_tree.groups(NUMBERS, SIZE, DUAL, ROWS)
+    group, count = elimination_tree.groups(NUMBERS, SIZE, DUAL, ROWS, HALVES)
     sets = [frozenset(k for k, number in enumerate(NUMBERS) if i in number) for i in range(SIZE)]
     kinds = ["contact" if i in ROWS else "glue" if i < DUAL else "corner" for i in range(SIZE)]
     for i in range(SIZE):
@@ -39,7 +40,7 @@ def test_unknowns_of_a_front_belong_to_the_same_subdomains():
     assert count == len(set(group[np.setdiff1d(np.arange(SIZE), ROWS)].tolist())) == 5
     assert sorted(set(group.tolist())) == list(range(7)) and group[ROWS].min() == count
     # 0 of no rows: nothing to eliminate
-    assert elimination_tree.groups([ROWS], SIZE, DUAL, np.arange(SIZE))[1] == 0
+    assert elimination_tree.groups([ROWS], SIZE, DUAL, np.arange(SIZE), HALVES[:1])[1] == 0
 
 
 @pytest.mark.parametrize("merged", [True, False])
@@ -48,8 +49,8 @@ def test_places_follow_the_fronts_and_end_with_contact_in_its_order(monkeypatch,
     """
     if not merged:
         monkeypatch.setattr(elimination_tree, "_pays", lambda child, parent: False)
-    group, count = elimination_tree.groups(NUMBERS, SIZE, DUAL, ROWS)
-    tree = EliminationTree(NUMBERS, SIZE, DUAL, ROWS)
+    group, count = elimination_tree.groups(NUMBERS, SIZE, DUAL, ROWS, HALVES)
+    tree = EliminationTree(NUMBERS, SIZE, DUAL, ROWS, HALVES)
     place, start = tree.place, tree.start
     assert sorted(place.tolist()) == list(range(SIZE)) and place[ROWS].tolist() == [8, 9]
     # the smallest problems are one front; else there is one for every group
@@ -115,18 +116,33 @@ def test_blocks_are_added_like_single_entries(monkeypatch, place):
         assert np.array_equal(np.tril(total), np.tril(expected))
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_elimination_leaves_the_schur_complement(sign):
-    """Of pivots of one sign; of all matrices the lower triangle counts."""
-    m, whole = 3, spd(7)
-    whole[:3, :3] *= sign
-    pivots, rest, left = fronts._eliminated(np.tril(whole), m, sign)
-    np.testing.assert_allclose(pivots @ pivots.T, sign * whole[:m, :m], rtol=1e-12)
-    np.testing.assert_allclose(pivots @ rest, whole[:m, m:], rtol=1e-11)
+@pytest.mark.parametrize("pivots", [(3, 2), (3, 0), (0, 2), (5, 0), (0, 0)])
+def test_elimination_leaves_the_schur_complement(pivots):
+    """Of positive pivots, then of negative ones; of all matrices the lower triangle counts."""
+    m, whole = sum(pivots), spd(9)
+    whole[pivots[0] : m] *= -1.0
+    whole[:, pivots[0] : m] = whole[pivots[0] : m].T
+    (one, other), left = fronts._eliminated(np.tril(whole), np.array(pivots))
+    L = np.zeros((m, m))
+    L[: pivots[0], : pivots[0]], L[pivots[0] :, pivots[0] :] = one.pivots, other.pivots
+    L[pivots[0] :, : pivots[0]] = one.rest[:, : pivots[1]].T
+    sign = np.repeat([1.0, -1.0], pivots)
+    np.testing.assert_allclose(L * sign @ L.T, whole[:m, :m], rtol=1e-12, atol=1e-12)
+    below = np.vstack([one.rest[:, pivots[1] :], other.rest])
+    np.testing.assert_allclose(L @ below, whole[:m, m:], rtol=1e-11, atol=1e-11)
     schur = whole[m:, m:] - whole[m:, :m] @ np.linalg.solve(whole[:m, :m], whole[:m, m:])
     np.testing.assert_allclose(np.tril(left), np.tril(schur), rtol=1e-10, atol=1e-10)
-    none = fronts._eliminated(np.tril(whole[:m, :m]), m, sign)
-    assert none[1].shape == (m, 0) and none[2].shape == (0, 0)
+    parts, left = fronts._eliminated(np.tril(whole[:m, :m]), np.array(pivots))
+    assert left.shape == (0, 0) and parts[1].rest.shape == (pivots[1], 0)
+
+
+def test_the_lower_triangle_is_mirrored(monkeypatch):
+    """In blocks of any size beside that of the matrix."""
+    matrix = np.random.default_rng(1).standard_normal((7, 7))
+    expected = np.tril(matrix) + np.tril(matrix, -1).T
+    for size in (1, 3, 7, 10):
+        monkeypatch.setattr(fronts, "BLOCK", size)
+        assert np.array_equal(fronts._mirror(matrix.copy()), expected)
 
 
 def test_the_price_is_of_fronts_over_that_of_a_product(built):
@@ -140,8 +156,8 @@ def test_the_price_is_of_fronts_over_that_of_a_product(built):
     product = 2 * work + fronts.EACH_PRODUCT
     sizes, one = [], fronts._eliminated
     try:
-        fronts._eliminated = lambda matrix, m, sign: sizes.append((m, len(matrix))) or one(
-            matrix, m, sign)
+        fronts._eliminated = lambda matrix, pivots: sizes.append(
+            (pivots.sum(), len(matrix))) or one(matrix, pivots)
         elimination.compliance()
     finally:
         fronts._eliminated = one

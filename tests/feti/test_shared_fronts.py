@@ -44,10 +44,10 @@ for directory in sys.argv[1:]:
             work = [sum(shared._tree.fronts[f].work for f in own) for own in numbers]
             assert max(work) < 0.85 * sum(work), work
 
-        def refused(matrix, m, sign):
+        def refused(*given):
             if comm.rank == max(k for k, own in enumerate(numbers) if own):
                 raise NotConverged("here alone")
-            return one(matrix, m, sign)
+            return one(*given)
 
         fronts._eliminated = refused
         try:
@@ -108,9 +108,10 @@ def test_every_front_has_a_rank_and_small_subtrees_stay_together(tree, ranks):
 
 
 def test_ranks_have_about_the_same_where_their_subdomains_are(tree):
-    """More than half of it is that of fronts that wait for one another."""
+    """Fronts that wait for one another, which no more ranks would help, are less than half of it.
+    """
     work, held = np.array([front.work for front in tree.fronts]), np.arange(32) // 16
-    assert critical(tree, np.append(work, 0.0)) > 0.5 * work.sum()
+    assert critical(tree, np.append(work, 0.0)) < 0.4 * work.sum()
     for holders in (held, 1 - held):
         owner, _ = tree.shared(holders, 2)
         assert np.bincount(owner[:-1], work).max() <= 0.65 * work.sum()

@@ -115,3 +115,24 @@ def test_paths_know_their_limits(monkeypatch, kind):
     assert _Path(problem, near, 1e-2).end() is not None
     monkeypatch.setattr(continuation, kind, 0)
     assert _Path(problem, near, 1e-2).end() is None
+
+
+def test_conditions_that_depend_on_one_another_have_forces_all_the_same(monkeypatch):
+    """Two nodes at one place, as where three bodies meet: on the path their forces are unique."""
+    honest, made = _Path.__init__, []
+
+    def init(path, problem, *given):
+        made.append(problem)
+        honest(path, problem, *given)
+
+    monkeypatch.setattr(_Path, "__init__", init)
+    for seed in range(SEEDS):
+        one = random_problem(seed, 5, 1)
+        twice = np.array([0, 1, 2, 3, 4, 0, 5, 6, 7, 8, 5])  # node 0 and its tangential row
+        problem = CoulombProblem(
+            one.compliance[np.ix_(twice, twice)], one.load[twice], one.coefficient[[0, 1, 2, 3, 0]],
+            np.array([0, 1, 2, 3, 5]), False, one.motions[twice], one.balance)
+        z = at_the_end_of_a_path(problem, np.zeros(problem.rows + 1))
+        assert problem.solves(z), seed
+        assert np.linalg.eigvalsh(problem.compliance)[0] < 1e-13 * problem.compliance.max()
+        assert np.linalg.cholesky(made[-1].compliance).diagonal().min() > 0
