@@ -2,7 +2,7 @@
 
 import re
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -103,28 +103,50 @@ class Problem:
             same) else ""
 
     def refusal(self, outcomes: list[Outcome]) -> tuple[str, str]:
-        """Status of a scene that all runs refuse with exit 3 or 4, and the argument."""
+        """Status of a scene that all runs refuse with exit 3 or 4, and the argument.
+
+        Runs may refuse different steps only where they follow different solutions of one before;
+        then each refusal is judged by its own history.
+        """
         first = outcomes[0]
         said = f"exit {first.status}: {first.message.partition('; partial')[0]}"
-        steps = [_step(outcome.message) for outcome in outcomes]
+        steps, judged, doubt = [_step(outcome.message) for outcome in outcomes], outcomes[:1], ""
         if len(set(steps)) > 1:
-            return "FAILED", "cuts refuse different steps: " + "; ".join(
-                outcome.message for outcome in outcomes)
-        step = steps[0]
-        weights = self.manifest.factors[step]
-        slipped = self._slipped(first, step)
+            judged, doubt = outcomes, self._went_apart(outcomes, min(steps))
+            if not doubt:
+                return "FAILED", "cuts refuse different steps: " + "; ".join(
+                    outcome.message for outcome in outcomes)
+            doubt = f"; cuts refuse different steps of different solutions: {doubt}"
+        for outcome, step in zip(judged, steps):
+            shown, why = self._none_in(outcome, step)
+            if not shown:
+                return "FAILED", f"{said}; not confirmed: {why}{doubt}"
+        return "refused", f"{said}; {why}{doubt}"
+
+    def _none_in(self, outcome: Outcome, step: int) -> tuple[bool, str]:
+        """Whether a `step` that a run refuses is shown to have no solution; the argument, or why
+        not.
+        """
+        weights, slipped = self.manifest.factors[step], self._slipped(outcome, step)
         share = refusals.unbalanced(self.body, self.manifest, weights, step > 0, slipped)
         if share > refusals.SLACK:
-            return "refused", f"{said}; linear program: {share:.1e} of the load stays unbalanced"
+            return True, f"linear program: {share:.1e} of the load stays unbalanced"
         if step == 0:
-            return "FAILED", f"{said}; not confirmed: forces without friction balance the loads"
+            return False, "forces without friction balance the loads"
         gaps, ways = self.body.distances(), self.body.ways()
-        u_t = self._before(first, step) + ways[min(step, len(ways)) - 1]
+        u_t = self._before(outcome, step) + ways[min(step, len(ways)) - 1]
         gap = gaps[min(step, len(gaps) - 1)]
-        shown, why = refusals.no_state(self.body, self.manifest, weights, u_t, slipped, gap)
-        if shown:
-            return "refused", f"{said}; {why}"
-        return "FAILED", f"{said}; not confirmed: {why}"
+        return refusals.no_state(self.body, self.manifest, weights, u_t, slipped, gap)
+
+    def _went_apart(self, outcomes: list[Outcome], step: int) -> str:
+        """Why runs may be in different states before `step`, empty if they are not or may not."""
+        if step < 2:
+            return ""
+        before = [replace(outcome, contact={name: values[: step - 1] for name, values
+                                            in outcome.contact.items()}) for outcome in outcomes]
+        apart = max(laws.distance(self.body, before[0].contact, other.contact)
+                    for other in before[1:])
+        return self.not_unique(before) if apart >= APART else ""
 
     def _slipped(self, outcome: Outcome, step: int) -> np.ndarray:
         """(n_c,) sum of |slip| before a step, as the run reports it."""

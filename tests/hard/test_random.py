@@ -488,6 +488,33 @@ def test_a_wrong_refusal_is_noticed(problem):
     assert status == "FAILED" and "has a solution" in why
 
 
+@pytest.mark.parametrize("apart, unique, shown, status, said", [
+    (0.0, "", True, "FAILED", "cuts refuse different steps"),
+    (1.0, "", True, "FAILED", "cuts refuse different steps"),
+    (1.0, "not unique", False, "FAILED", "step 4 is open"),
+    (1.0, "not unique", True, "refused", "of different solutions: not unique")])
+def test_cuts_may_refuse_different_steps_of_different_solutions(monkeypatch, apart, unique, shown,
+                                                                status, said):
+    """Where they went apart before, as they may, and each refusal is confirmed by its own history.
+    """
+    runs = [random.Outcome(3, f"step {step}: no equilibrium", 0.0, None,
+                           contact={"sigma_n": np.full((step, 2), value)})
+            for step, value in ((4, 1.0), (3, 2.0))]
+    told = []
+
+    def distance(_body, one, other):
+        told.append((one["sigma_n"].tolist(), other["sigma_n"].tolist()))
+        return apart
+
+    monkeypatch.setattr(judgement.laws, "distance", distance)
+    monkeypatch.setattr(judgement.Problem, "not_unique", lambda self, runs: unique)
+    monkeypatch.setattr(judgement.Problem, "_none_in", lambda self, outcome, step: (
+        shown or step == 3, f"step {step} is {'none' if shown or step == 3 else 'open'}"))
+    result, why = judgement.Problem(None, None).refusal(runs)
+    assert result == status and said in why
+    assert told == [([[1.0, 1.0]] * 2, [[2.0, 2.0]] * 2)]  # two steps before the third
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("change, why", [
     ({}, ""), ({"KKT": 1e-30}, "KKT residual"), ({"AGREEMENT": 1e-30}, "cuts differ"),
