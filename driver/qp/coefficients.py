@@ -26,6 +26,10 @@ STEPS = 60  # Newton steps at most
 HALVINGS = 12  # of a step that does not lessen the residual
 NEAR = 1e-7  # part of the largest slip by which the law's derivative is taken
 WEAK = 1e-12  # part of the largest singular value below which nothing holds a motion
+# part of its compliance that a row yields by beside it where its rigidity is measured: rows that
+# depend on one another are rigid against each other, and with less (1e-8, beside rigid motions)
+# what their steps are is below WEAK
+BESIDE = 1e-6
 EXACT = 1e-13  # residual beside the forces at which steps end
 
 
@@ -83,10 +87,10 @@ class _Equations:
 def _rigidity(compliance: np.ndarray) -> np.ndarray:
     """(n + m,) forces that move a row by one while all others stay.
 
-    Rows that depend on one another cannot: they count as 1 / WEAK times their own rigidity.
+    Rows that depend on one another cannot: they count as 1 / BESIDE times their own rigidity.
     """
     root = np.sqrt(np.diag(compliance))
-    alike = compliance / np.outer(root, root) + WEAK * np.eye(len(root))
+    alike = compliance / np.outer(root, root) + BESIDE * np.eye(len(root))
     return np.diag(np.linalg.inv(alike)) / root**2
 
 

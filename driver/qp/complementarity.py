@@ -175,7 +175,10 @@ def lemke(problem: CoulombProblem) -> np.ndarray | None:
     size = np.abs(problem.load * scale).max(initial=0)
     if size == 0:
         return np.zeros(problem.rows)
-    M, q, multipliers = _complementary(problem, scale, size)
+    try:
+        M, q, multipliers = _complementary(problem, scale, size)
+    except np.linalg.LinAlgError:  # conditions of contact that pulls depend on one another
+        return None
     rng = np.random.default_rng(1)
     for attempt in range(COVERS):
         cover = np.ones(len(q)) if attempt == 0 else rng.uniform(0.5, 1.5, len(q))
