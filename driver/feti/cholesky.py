@@ -27,6 +27,7 @@ from scipy.sparse.csgraph import connected_components
 from ..errors import NoSolution
 
 cholmod.options.update(supernodal=2, nmethods=1)  # L L'; the given order and no other
+AT_A_TIME = 256  # rows that are mirrored: without copies of a large triangle
 SINGULAR = ("stiffness is not positive definite to rounding, which no cut can cause: check whether "
             "the material varies by many orders of magnitude and triangles are next to degenerate")
 
@@ -178,8 +179,17 @@ def _inverse(L: np.ndarray) -> np.ndarray:
     """(L L')^-1 (n, n), symmetric to the last bit."""
     if not L.size:
         return np.empty((0, 0))
-    lower = np.tril(lapack.dpotri(L, lower=1)[0])
-    return lower + np.tril(lower, -1).T
+    return mirrored(lapack.dpotri(L, lower=1)[0])
+
+
+def mirrored(matrix: np.ndarray) -> np.ndarray:
+    """`matrix` (n, n), of which the lower triangle counts, made symmetric in place."""
+    for first in range(0, len(matrix), AT_A_TIME):
+        here, beyond = slice(first, first + AT_A_TIME), slice(first + AT_A_TIME, None)
+        lower = np.tril(matrix[here, here])
+        matrix[here, here] = lower + np.tril(lower, -1).T
+        matrix[here, beyond] = matrix[beyond, here].T
+    return matrix
 
 
 def _places(K, order: np.ndarray) -> np.ndarray:

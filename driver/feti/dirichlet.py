@@ -15,6 +15,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, lapack
 
 from .blocks import BlockDiagonal
+from .cholesky import mirrored
 from .reduction import LocalClass
 
 DEPENDENT = 1e-9  # relative eigenvalues of a local F: rows below depend on one another
@@ -104,8 +105,7 @@ def _inverse(matrix: np.ndarray) -> np.ndarray:
     factor, info = lapack.dpotrf(matrix) if matrix.size else (matrix, 1)
     if info or lapack.dpocon(factor, np.abs(matrix).sum(axis=0).max())[0] < DEPENDENT:
         return np.linalg.pinv(matrix, hermitian=True)
-    upper = np.triu(lapack.dpotri(factor)[0])
-    return upper + np.triu(upper, 1).T
+    return mirrored(lapack.dpotri(factor)[0].T)
 
 
 def _released(c: LocalClass) -> np.ndarray:

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from ..errors import NoSolution, agree
-from .cholesky import SINGULAR
+from .cholesky import SINGULAR, mirrored
 from .exchange import Route, exchange
 from .gathering import gather, joined
 
@@ -202,7 +202,6 @@ def _eliminated(K: np.ndarray, inner: int) -> tuple[np.ndarray, np.ndarray, np.n
         raise NoSolution(f"the coarse problem's {SINGULAR}")
     W, _ = lapack.dpotrs(L, K[:inner, inner:], lower=True) if inner < len(K) else (
         np.empty((inner, 0)), 0)
-    inverse, _ = lapack.dpotri(L, lower=True)
-    inverse = np.tril(inverse) + np.tril(inverse, -1).T
+    inverse = mirrored(lapack.dpotri(L, lower=True)[0])
     S = K[inner:, inner:] - K[inner:, :inner] @ W
     return inverse, np.ascontiguousarray(W), (S + S.T) / 2

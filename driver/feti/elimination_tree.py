@@ -1,4 +1,4 @@
-"""The order in which gluing rows and corners are eliminated: a tree of fronts, by patterns alone.
+"""In which order gluing rows and corners are eliminated, by patterns and places: a tree of fronts.
 
 Unknowns that belong to the same subdomains make a group. Subdomains are halved by their places,
 again and again, and groups inside a half come before those between halves, so that ranks have

@@ -21,6 +21,7 @@ import numpy as np
 from scipy.linalg import blas, lapack, solve_triangular
 
 from ..errors import NotConverged, agree
+from .cholesky import mirrored
 from .dissection import halved, middles
 from .elimination_tree import EliminationTree
 from .exchange import Handover, exchanged
@@ -34,7 +35,6 @@ SHARED = 5.0  # multiplications with a matrix that many subdomains share
 WITH_PRECONDITIONER = 2.0  # the Dirichlet preconditioner has matrices of the size of F's
 # multiplications in the time that a front takes however small, and a product with what QPs do by it
 EACH_FRONT, EACH_PRODUCT = 4e5, 8e5
-BLOCK = 256  # rows that are mirrored at a time
 A_BLOCK = 200  # entries that are added one by one in the time that a block takes however small
 
 
@@ -221,7 +221,7 @@ class GluingElimination:
         comm.Bcast(C, self._owner[-1])
         self._own_pivots = joined([factors.own for factors in self._factors.values()], int)
         self._pivots = gather(comm, self._own_pivots)
-        self._compliance = _mirror(C)
+        self._compliance = mirrored(C)
 
     def _left(self, way: Handover, child: int) -> tuple[np.ndarray, np.ndarray]:
         """Index and matrix that the front `child` leaves."""
@@ -309,12 +309,3 @@ def _eliminated(matrix: np.ndarray, pivots: np.ndarray) -> tuple[list[Factor], n
             left = blas.dsyrk(-part.sign, part.rest[:, -len(left) :], beta=1.0, c=left.T, trans=1,
                               lower=0, overwrite_c=1).T
     return parts, left
-
-
-def _mirror(matrix: np.ndarray) -> np.ndarray:
-    """`matrix` (n, n), of which the lower triangle counts, made symmetric in place."""
-    for first in range(0, len(matrix), BLOCK):
-        here = slice(first, first + BLOCK)
-        matrix[here, here] = np.tril(matrix[here, here]) + np.tril(matrix[here, here], -1).T
-        matrix[here, first + BLOCK :] = matrix[first + BLOCK :, here].T
-    return matrix

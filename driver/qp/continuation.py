@@ -38,14 +38,12 @@ def at_the_end_of_a_path(problem: CoulombProblem, start: np.ndarray) -> np.ndarr
     None if all run off or take more than PIVOTS changes of states. Deterministic.
     """
     regular = problem.yielding(OWN)
-    for small in SMALL:
-        for near in (*complementarity.all_alike(regular), start):
-            z = _Path(regular, near, small).end()
-            solution = None if z is None else complementarity.newton(problem, z)
-            problem.products += regular.products
-            if solution is not None:
-                return solution
-    return None
+    starts = *complementarity.all_alike(regular), start
+    ends = (_Path(regular, near, small).end() for small in SMALL for near in starts)
+    solutions = (complementarity.newton(problem, z) for z in ends if z is not None)
+    solution = next((z for z in solutions if z is not None), None)
+    problem.products += regular.products
+    return solution
 
 
 class _Path:
@@ -70,6 +68,8 @@ class _Path:
         load = want + problem.compliance @ x - problem.motions @ z[problem.rows :]
         self.load, self.change = load, problem.load - load
         self.more = problem.balance - problem.motions.T @ x
+        work = np.abs(problem.balance / problem.reach).max(initial=0.0)
+        self.far = FAR * max(np.abs(problem.load).max(), work / problem.rigidity.min())
 
     # ---- the beginning ---------------------------------------------------------------------------
     def _begun(self, z: np.ndarray) -> np.ndarray:
@@ -92,7 +92,7 @@ class _Path:
         presses = self.states > OPEN
         z[:n] += presses * small * force * rng.uniform(0.1, 1.0, n) * self.sign
         state, along = self.states[problem.pair], z[n : problem.rows]
-        bound = self.offset + np.where(state > OPEN, problem.bounds(z) - self.offset, 0.0)
+        bound = problem.bounds(z)
         most = (1.0 - small * rng.uniform(0.1, 1.0, problem.m)) * bound
         way = np.select([np.abs(state) == FORWARD, np.abs(state) == BACKWARD], [1.0, -1.0])
         along[:] = np.where(np.abs(state) == STICK, np.clip(along, -most, most), way * bound)
@@ -145,11 +145,8 @@ class _Path:
 
         Where nothing holds a body theta grows by rounding alone.
         """
-        problem, ways = self.problem, way[self.problem.rows :]
-        moved = np.abs(problem.motions @ ways).max(initial=0.0)
-        work = np.abs(problem.balance / problem.reach).max(initial=0.0)
-        near = max(np.abs(problem.load).max(), work / problem.rigidity.min())
-        return abs(self.theta) > FAR or moved > FAR * near
+        moved = self.problem.motions @ way[self.problem.rows :]
+        return abs(self.theta) > FAR or np.abs(moved).max(initial=0.0) > self.far
 
     def _direction(self) -> tuple[np.ndarray, float]:
         """The way of z and of theta along the path, of either sense.

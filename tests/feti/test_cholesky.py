@@ -9,6 +9,7 @@ import pytest
 from scipy.sparse import csr_matrix, eye, random
 
 from driver.errors import NoSolution
+from driver.feti import cholesky
 from driver.feti.cholesky import TornFactor
 
 ROUNDING = 1e-12
@@ -82,3 +83,12 @@ def test_singular_and_indefinite_stiffness_is_refused(K, seen, unit):
                        np.array(seen)).reduced(np.empty(0, int))
     sound = csr_matrix(unit * np.array([[2.0, -1.0], [-1.0, 2.0]]))
     TornFactor(sound, np.arange(2), np.array(seen)).reduced(np.empty(0, int))
+
+
+def test_the_lower_triangle_is_mirrored(monkeypatch):
+    """In blocks of any size beside that of the matrix."""
+    matrix = np.random.default_rng(1).standard_normal((7, 7))
+    expected = np.tril(matrix) + np.tril(matrix, -1).T
+    for size in (1, 3, 7, 10):
+        monkeypatch.setattr(cholesky, "AT_A_TIME", size)
+        assert np.array_equal(cholesky.mirrored(matrix.copy()), expected)

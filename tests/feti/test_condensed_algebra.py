@@ -136,15 +136,6 @@ def test_elimination_leaves_the_schur_complement(pivots):
     assert left.shape == (0, 0) and parts[1].rest.shape == (pivots[1], 0)
 
 
-def test_the_lower_triangle_is_mirrored(monkeypatch):
-    """In blocks of any size beside that of the matrix."""
-    matrix = np.random.default_rng(1).standard_normal((7, 7))
-    expected = np.tril(matrix) + np.tril(matrix, -1).T
-    for size in (1, 3, 7, 10):
-        monkeypatch.setattr(fronts, "BLOCK", size)
-        assert np.array_equal(fronts._mirror(matrix.copy()), expected)
-
-
 def test_the_price_is_of_fronts_over_that_of_a_product(built):
     """Cubes of fronts and a share for each, over squares of local matrices, twice as the
     preconditioner has some of that size, and a share for all.
