@@ -14,11 +14,10 @@ from ..scene.manifest import Manifest
 from .corners import corner_vertices
 from .gathering import gather, largest, lookup
 from .rigid_modes import all_springs, rigid_modes
+from .row_stiffness import least_share, pair_share, row_scale, seen_stiffness
 from .rows import LocalRows, RowKind
 from .structure import ContactTable, Substructure
 from .travel import separated
-
-CROWDED = 1.2  # rows for every vertex of the other body, from which they depend on one another
 
 
 def fixed_dofs(manifest: Manifest, subdomains: list[Subdomain],
@@ -92,14 +91,12 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm, friction
     yielding = np.zeros(len(order))
     if compliance is not None:
         yielding[number[n_g : n_g + n_n] - begin] = compliance[normal_rows]
-    share = _pair_share(skeleton, contact)
-    shares = np.concatenate([np.ones(len(gluing)), share[normal_rows], share[tangential_rows]])
-    seen = seen_stiffness(skeleton, row_gid[order], kind[order], shares[order])
-    own = np.concatenate([np.zeros(len(gluing), bool), *(
-        _crowded(contact)[rows] for rows in (normal_rows, tangential_rows))])
-    stiffness = seen_stiffness(skeleton, row_gid[order], kind[order],
-                               np.where(own, np.maximum(shares, 1.0), shares)[order])
-    scale = _row_scale(seen, float(largest(comm, np.array([seen.max(initial=0.0)]))[0]))
+    share = pair_share(skeleton, contact)
+    seen, stiffness = (
+        seen_stiffness(skeleton, row_gid[order], kind[order], np.concatenate(
+            [np.ones(len(gluing)), of_node[normal_rows], of_node[tangential_rows]])[order])
+        for of_node in (share, np.maximum(share, least_share(skeleton, contact))))
+    scale = row_scale(seen, float(largest(comm, np.array([seen.max(initial=0.0)]))[0]))
     row_starts = np.searchsorted(row_owner[order], first + np.arange(len(subdomains)))
     glued = np.full((len(skeleton.gids), 2), -1)
     glued[node[:n_g], gluing % 2] = number[:n_g]
@@ -134,63 +131,6 @@ def _free_keys(gids: np.ndarray, fixed_keys: np.ndarray) -> np.ndarray:
     """Keys 2 gid + component of the dofs of vertices (n,) that no support fixes."""
     keys = (2 * gids[:, None] + [0, 1]).ravel()
     return keys[~np.isin(keys, fixed_keys)]
-
-
-def _pair_share(skeleton, contact) -> np.ndarray:
-    """(n_c,) part that the stiffness of both sides in series is of the node's own; 1 on obstacles.
-
-    Sides as stiff as one another share alike, which is no jump: relative to that.
-    """
-    stiffness = skeleton.over_subdomains(np.maximum, skeleton.stiffness)
-    of_terms = skeleton.at(contact.term_gid, stiffness)
-    size = np.abs(contact.term_value)
-
-    def mean(terms):
-        """(n_c,) stiffness at the nodes of some terms, weighted with their sizes."""
-        node, count = contact.term_node[terms], len(contact.gid)
-        total = np.bincount(node, (size * of_terms)[terms], count)
-        return total / np.maximum(np.bincount(node, size[terms], count), 1e-300)
-
-    own, other = mean(~contact.term_other), mean(contact.term_other)
-    met = contact.paired & (own > 0) & ~contact.idle
-    return np.where(met, 2 * other / np.maximum(own + other, 1e-300), 1.0)
-
-
-def _crowded(contact) -> np.ndarray:
-    """(n_c,) nodes that meet so coarse a mesh that it cannot follow each of them on its own.
-
-    More than CROWDED of them share a vertex of the other body: how they share a force is up to the
-    stiffness of their own body, however soft the other one is.
-    """
-    other = contact.term_other
-    node, size = contact.term_node[other], np.abs(contact.term_value[other])
-    _, vertex = np.unique(contact.term_gid[other], return_inverse=True)
-    rows = np.bincount(vertex, size)  # that a vertex of the other body has to follow
-    count = len(contact.gid)
-    total = np.bincount(node, size, count)
-    return np.bincount(node, size * rows[vertex], count) > CROWDED * np.maximum(total, 1e-300)
-
-
-def seen_stiffness(skeleton, row_gid, kind, share) -> np.ndarray:
-    """(rows,) traces of Hooke's law that rows meet.
-
-    A gluing row meets the more compliant of its two sides, a contact row the stiffest of its node's
-    subdomains, or `share` (rows,) of that.
-    """
-    low, high = (skeleton.over_subdomains(extreme, skeleton.stiffness)
-                 for extreme in (np.minimum, np.maximum))
-    node = np.searchsorted(skeleton.gids, row_gid)
-    return np.where(kind == RowKind.GLUING, low[node], high[node] * share)
-
-
-def _row_scale(seen: np.ndarray, stiffest: float) -> np.ndarray:
-    """(rows,) D for a diagonal of D F D of like size where stiffness jumps; ones where it does not.
-
-    `seen` (rows,) is the stiffness of the rows. Powers of two, so that scaling rounds nothing;
-    relative to the `stiffest` row, so that units do not matter.
-    """
-    ratio = np.round(np.log2(seen / stiffest), 6)  # no rounding decides
-    return 2.0 ** np.round(0.5 * ratio)
 
 
 def _slides(contact, fixed_keys) -> np.ndarray:

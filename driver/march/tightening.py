@@ -115,7 +115,7 @@ class Tightening:
                 -load.farthest) < -FAR * self.march.scales.displacement:
             gradient = None  # it has followed bodies that went so far: their rounding is in it
         x, gradient, moved = self.march.into_cone(load.d, x, gradient, sliding)
-        if self._eliminates and self.operator.levels > 1:
+        if self.trace.refined:  # as what is reported of it
             gradient = self.operator.gradient(x, load)
         found = residuals.of(load, x, gradient, exact=True)
         self.answer = residuals.free_of_forces(load, x) if residuals.faded(x) else None

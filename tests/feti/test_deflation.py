@@ -14,7 +14,7 @@ from driver.feti.deflation import (DeflatedPreconditioner, Deflation, Face, _jum
                                    traction_hats)
 from driver.march import shortcut
 from driver.march.relaxation import ContactRelaxation
-from driver.feti.numbering import _row_scale, seen_stiffness
+from driver.feti.row_stiffness import row_scale, seen_stiffness
 from driver.feti.rows import RowKind
 
 EPS = np.finfo(float).eps
@@ -261,7 +261,7 @@ def test_scales_do_not_follow_the_rounding_of_stiffnesses():
     stiffness = np.append(1.0, half)
     skeleton = SimpleNamespace(gids=np.arange(6), stiffness=stiffness, over_subdomains=lambda _,
                                values: values)
-    scale = _row_scale(seen_stiffness(skeleton, np.arange(6), np.full(6, RowKind.NORMAL),
+    scale = row_scale(seen_stiffness(skeleton, np.arange(6), np.full(6, RowKind.NORMAL),
                                       np.ones(6)), 1.0)
     assert len(set(scale[1:])) == 1
 

@@ -39,6 +39,29 @@ macro contactPair() 101, 21 //
 include "export.idp"
 """
 
+# a block on the floor, beside one a million times as stiff: what either rests on, and the friction
+# between both, hand on forces that the stiff one alone feels
+SIDE_BY_SIDE = """include "scene.idp"
+units("um", "MPa");
+subdomains("4");
+int[int] soft = [1, 11, 21, 31];
+mesh Th0 = square(2, 3, [608.7*x, 985.5*y], label = soft);
+int[int] stiff = [101, 111, 121, 131];
+mesh Th1 = square(4, 3, [608.7 + 1052.*x, 933.663*y], label = stiff);
+Th1 = change(Th1, fregion = 1);
+addBody(Th0)
+addBody(Th1)
+macro young() (region == 1 ? 3e9 : 3e3) //
+macro poisson() 0.2 //
+macro support() on(111, u1 = 0., u2 = 0.) //
+macro load1() traction(31, 12., -9.) //
+macro bodyForce2() [0.0012, -0.0009] //
+macro contact() 1, 101 //
+macro contactPair() 11, 131 //
+macro friction() (label == 11 ? 0.03 : 0.06) //
+include "export.idp"
+"""
+
 
 def moved(problem, factor: float) -> list[np.ndarray]:
     """Fields (dofs,) that shift and turn the body, and let its right column swell by 1e-6."""
@@ -86,6 +109,35 @@ def test_stress_of_soft_material_counts_for_stiff_material():
     exponents = np.array([0, 3, 6])
     assert stressed_alike(np.array([1.0, 0.0, 0.0]), exponents) == pytest.approx([1, 1e-3, 1e-6])
     assert stressed_alike(np.array([1.0, 1e-2, 1e-3]), exponents) == pytest.approx([1, 1e-2, 1e-3])
+
+
+def test_rows_that_hand_on_forces_have_the_level_of_the_stiffest_body(built, named_scene):
+    """Of the soft block the vertex on floor and stiff block, and nodes that meet a vertex there."""
+    problem = built(scene=named_scene("sides", SIDE_BY_SIDE), subdomains="3")
+    contact, level = problem.structure.contact, problem.operator.stiff_parts.level
+    soft = contact.xy[:, 0] < 608.7 + 1e-9
+    corner = soft & (contact.xy[:, 0] > 608.6) & (contact.xy[:, 1] < 1e-9)
+    apart = soft & (contact.label == 1) & ~corner
+    assert corner.sum() >= 2 and apart.any()
+    assert (level[contact.normal_row[corner & (contact.normal_row >= 0)]] == 1).all()
+    assert (level[contact.normal_row[apart]] == 0).all()
+
+
+def test_cuts_agree_on_forces_that_a_stiff_block_hands_on(solved, named_scene):
+    """Those of the vertex differed by a percent: a millionth of the soft block's displacements is
+    what its forces deform the stiff one by. A node's error ten times residuals of 1e-6, of two.
+    """
+    path, words = named_scene("sides", SIDE_BY_SIDE), {"rtol": 1e-10, "friction_rtol": 1e-8}
+    forces = []
+    for cut in ("1", "7", "12"):
+        run = solved(scene=path, subdomains=cut, **words)
+        assert run.status == 0
+        order = np.lexsort([run.contact[name][-1] for name in ("normal_x", "y", "x")])
+        weight = run.contact["weight"][-1][order]
+        forces.append(np.stack([run.contact[name][-1][order] * weight
+                                for name in ("sigma_n", "sigma_t")]))
+    for other in forces[1:]:
+        assert np.abs(forces[0] - other).max() <= 2e-5 * np.abs(forces[0]).max()
 
 
 def test_cuts_agree_on_forces_that_stiffness_alone_shares(solved, named_scene):
