@@ -14,6 +14,8 @@ from .oracle import Assembled
 
 
 SHARED = "displacements agree; uniqueness of forces fails where bodies meet in one place"
+LAWS = 1e-6  # largest violation, as of the other families, on the assembled body, which moves as
+# the torn one but for what gluing leaves: that may be as large and comes on top
 APART = 1e-4  # distance in energy from which solutions are different ones
 # singular value of rows of contact, of about unit length, from which they depend on one another:
 # displacements as small as it feel the circling force, and by its square the work
@@ -57,6 +59,10 @@ class Problem:
         if max(broken.values()) > laws.RESTS:
             broken = laws.violations(*given, far=laws.rounding(*given) / laws.RESTS)
         return max(broken.items(), key=lambda item: item[1])
+
+    def broken(self, outcome: Outcome) -> tuple[str, float, float]:
+        """The law that a run violates most, by how much, and how much is allowed."""
+        return *self.worst(outcome), LAWS + outcome.summary["residuals"].get("gluing", 0.0)
 
     def disagreement(self, outcomes: list[Outcome]) -> float:
         """Largest difference of contact forces between any run and the first."""
@@ -103,24 +109,30 @@ class Problem:
             same) else ""
 
     def refusal(self, outcomes: list[Outcome]) -> tuple[str, str]:
-        """Status of a scene that all runs refuse with exit 3 or 4, and the argument.
+        """Status of a scene that runs refuse with exit 3 or 4, and the argument.
 
-        Runs may refuse different steps only where they follow different solutions of one before;
-        then each refusal is judged by its own history.
+        Runs may refuse different steps, or solve what others refuse, only where they follow
+        different solutions of a step before; then each refusal is judged by its own history, and
+        those that solve all steps by the laws.
         """
-        first = outcomes[0]
-        said = f"exit {first.status}: {first.message.partition('; partial')[0]}"
-        steps, judged, doubt = [_step(outcome.message) for outcome in outcomes], outcomes[:1], ""
-        if len(set(steps)) > 1:
-            judged, doubt = outcomes, self._went_apart(outcomes, min(steps))
+        refusing = [outcome for outcome in outcomes if outcome.status]
+        steps, judged = [_step(outcome.message) for outcome in refusing], refusing[:1]
+        said = f"exit {judged[0].status}: {judged[0].message.partition('; partial')[0]}"
+        doubt = ""
+        if len(set(steps)) > 1 or len(refusing) < len(outcomes):
+            judged, doubt = refusing, self._went_apart(outcomes, min(steps))
             if not doubt:
                 return "FAILED", "cuts refuse different steps: " + "; ".join(
-                    outcome.message for outcome in outcomes)
+                    f"exit {outcome.status} {outcome.message}" for outcome in outcomes)
             doubt = f"; cuts refuse different steps of different solutions: {doubt}"
         for outcome, step in zip(judged, steps):
-            shown, why = self._none_in(outcome, step)
+            shown, why = self._none_in(outcome, step) if step >= 0 else (False, "it names no step")
             if not shown:
                 return "FAILED", f"{said}; not confirmed: {why}{doubt}"
+        for outcome in outcomes:
+            law, violation, allowed = ("", 0.0, LAWS) if outcome.status else self.broken(outcome)
+            if not violation <= allowed:
+                return "FAILED", f"{said}; another cut solves it, with {law} {violation:.1e}"
         return "refused", f"{said}; {why}{doubt}"
 
     def _none_in(self, outcome: Outcome, step: int) -> tuple[bool, str]:
@@ -179,8 +191,10 @@ def shares_forces(body: Assembled) -> bool:
 
 
 def _step(message: str) -> int:
-    """Number of the step that a refusal names, 0 for the preload before the first one."""
-    return int(re.search(r"step (\d+)|preload", message)[1] or 0)
+    """Number of the step that a refusal names, 0 for the preload before the first one; -1 if none.
+    """
+    found = re.search(r"step (\d+)|preload", message)
+    return int(found[1] or 0) if found else -1
 
 
 def friction_contraction(body: Assembled, coefficient: np.ndarray) -> float:

@@ -206,7 +206,7 @@ class CondensedSearch:
         if self.stiff and op.modes:  # gradients leave out what springs move, compliances do not
             motion = motion + op.rho * op.imbalance(change, np.zeros(op.structure.patterns))[0]
         self.bodies.shift(load, motion)
-        x = self._on_bounds(x + change) if self.stiff else x + change
+        x = self._on_bounds(x + change)
         return x, self._exact(load, x)
 
     def _on_bounds(self, x: np.ndarray) -> np.ndarray:

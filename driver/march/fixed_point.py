@@ -73,7 +73,8 @@ class FixedPoint:
             except Unfinished as failure:
                 if free:
                     break  # bodies that nothing balances have run away
-                return self.condensed(index, load, start, gradient, sliding, trace, rtol, failure)
+                return self.condensed(index, load, self._no_further(start, first), gradient,
+                                      sliding, trace, rtol, failure)
             x, gradient = result.x, result.gradient
             sliding = rows.sliding(x, bound)
             if not (coupled or free):
@@ -107,10 +108,14 @@ class FixedPoint:
             if trace.stalls and not trace.exact:
                 trace.exact, trace.changes = True, []
             trace.fallback = trace.stalls or tired
-        latest = rows.follow(x, sliding)
-        if self.qp.largest(latest) > ASTRAY * max(self.qp.largest(first), self.qp.scales.d):
-            latest = first
+        latest = self._no_further(rows.follow(x, sliding), first)
         return self._globalise(index, load, latest, motion, trace)
+
+    def _no_further(self, x: np.ndarray, first: np.ndarray) -> np.ndarray:
+        """x, or the `first` multipliers of the step where those in x have grown beyond all bounds.
+        """
+        largest, qp = self.qp.largest(x), self.qp
+        return x if largest <= ASTRAY * max(qp.largest(first), qp.scales.d) else first
 
     def _start(self, load: Load, x, gradient, sliding):
         """Start of the next QP, x at the friction bound of its pressures, and its gradient."""

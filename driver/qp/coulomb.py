@@ -31,7 +31,7 @@ from .equations import BACKWARD, FORWARD, OPEN, STICK, Equations
 
 ROUNDING = 1e-9  # relative violation of the law that rounding of small dense systems may leave
 ROUNDED = 1e-5  # part of any load that counts as a force: times ROUNDING that of rounding
-JAMMED = 1e6  # times the forces of loads: larger ones hide them by their rounding
+JAMMED = 1e3  # times the forces of loads: larger ones count as if they were no larger
 SINGULAR = 1e-10  # ratio of the least to the largest pivot of a system that may be singular
 NONE = 1e-14  # such a ratio of pivots that are rounding
 CONSISTENT = 1e-6  # relative residual below which a singular system may have solutions

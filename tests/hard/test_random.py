@@ -165,12 +165,12 @@ def test_laws_notice_what_is_wrong(problem, tmp_path):
     right, path, given = problem(CLAMPED)
     outcome = random.run(_scene(given), path, tmp_path, {"subdomains": "3"})
     assert outcome.status == 0, outcome.message
-    assert right.worst(outcome)[1] <= random.LAWS
+    assert right.worst(outcome)[1] <= judgement.LAWS
     spoilt = {"sigma_n": 1.001, "sigma_t": 0.99, "u_t": 1.001, "bound": 1.001,
               "weight": 1.001, "gap": 1.001}
     for column, factor in spoilt.items():
         contact = {**outcome.contact, column: factor * outcome.contact[column]}
-        assert right.worst(replace(outcome, contact=contact))[1] > random.LAWS, column
+        assert right.worst(replace(outcome, contact=contact))[1] > judgement.LAWS, column
     other = {**outcome.contact, "sigma_n": outcome.contact["sigma_n"] * (1 + 1e-3)}
     assert np.isclose(laws.disagreement(right.body, outcome.contact, other), 1e-3, rtol=1e-6)
 
@@ -529,7 +529,7 @@ def test_each_demand_counts(change, why, monkeypatch, tmp_path):
     # residuals explain differences as small as those here; see test_residuals_explain_what_they_do
     monkeypatch.setattr(sensitivity, "explained", lambda *_: False)
     for name, value in {"ranks_agree": lambda *_: "", **change}.items():
-        monkeypatch.setattr(random, name, value)
+        monkeypatch.setattr(judgement if name == "LAWS" else random, name, value)
     row = random.judge(0, tmp_path)
     assert row.status == ("FAILED" if why else "solved"), row.why
     assert why in row.why
