@@ -62,9 +62,9 @@ def test_a_vertex_rests_in_its_corner():
     """Pushed against floor and wall by 1: both are closed, and friction is any that they allow."""
     C = np.array([[1.0, 0.0, 0.0, -1.0], [0.0, 1.0, 1.0, 0.0],
                   [0.0, 1.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 1.0]])
-    none = np.zeros(2)
+    none, beside = np.zeros(2), np.array([[False, True], [True, False]])
     problem = states.States(C, none - 1.0, none, none + 0.3, none + 0.3, none, np.zeros((0, 4)),
-                            np.zeros(0), np.zeros(2, bool), np.array([[False, True], [True, False]]))
+                            np.zeros(0), np.zeros(2, bool), beside)
     x = trials.solution(problem, 20)
     assert x is not None and C[:2] @ x == pytest.approx([-1.0, -1.0])
 
