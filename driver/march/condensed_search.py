@@ -256,21 +256,26 @@ class CondensedSearch:
         the method; or None.
 
         Bodies that ran away have slipped so far that friction by a law of slip holds them no more:
-        where nothing solves the problem, friction is that of nodes that do not slide.
+        where nothing solves the problem, friction is that of nodes that do not slide. Searches,
+        which take long, come after both.
         """
-        for _ in range(2):
-            try:
-                problem = self.condensation.problem(load, x, gradient)
-            except NotConverged:
-                return None, ""
-            start = problem.whole(self.condensation.gather(x))
-            solution, solver = globalization.solve_condensed(problem, start)
-            if not self.slip.effects.coefficient_changes:
-                break  # friction is what it is
-            if solution is not None:
-                return self._with_own_slip(problem, solution) - start, solver
-            self.slip.renew_coefficient(np.zeros_like(gradient))
-        return None if solution is None else solution - start, solver
+        changes, solver = self.slip.effects.coefficient_changes, ""
+        own, still = self.rows.coefficient, np.zeros_like(gradient)
+        for solve in (globalization.followed, globalization.searched):
+            for slides in (True, False)[: 1 + changes]:
+                self.rows.coefficient = own
+                if not slides:
+                    self.slip.renew_coefficient(still)
+                try:
+                    problem = self.condensation.problem(load, x, gradient)
+                except NotConverged:
+                    return None, ""
+                start = problem.whole(self.condensation.gather(x))
+                solution, solver = solve(problem, start)
+                if solution is not None:
+                    solution = self._with_own_slip(problem, solution) if changes else solution
+                    return solution - start, solver
+        return None, solver
 
     def _with_own_slip(self, problem, solution: np.ndarray) -> np.ndarray:
         """The solution near this one with the coefficients of its own slip, which `rows` take.

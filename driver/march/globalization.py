@@ -56,6 +56,12 @@ def solve_condensed(problem: CoulombProblem, start: np.ndarray) -> tuple[np.ndar
 
     With NO_STATE for the method where there is none.
     """
+    z, method = followed(problem, start)
+    return (z, method) if z is not None else searched(problem, start)
+
+
+def followed(problem: CoulombProblem, start: np.ndarray) -> tuple[np.ndarray | None, str]:
+    """As `solve_condensed` by what takes no more than seconds: Newton, Lemke, a path."""
     z = complementarity.approached(problem, start)
     if z is not None:
         return z, NEWTON
@@ -68,6 +74,11 @@ def solve_condensed(problem: CoulombProblem, start: np.ndarray) -> tuple[np.ndar
         z = look()
         if z is not None:
             return z, method
+    return None, ""
+
+
+def searched(problem: CoulombProblem, start: np.ndarray) -> tuple[np.ndarray | None, str]:
+    """As `solve_condensed` by the searches that come last."""
     if problem.n > MOST_NODES:
         return solution_among(problem, start, MOST_NODES, solve_condensed)
     found = search_states(problem)

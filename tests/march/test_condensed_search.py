@@ -256,6 +256,34 @@ def test_a_search_ends_with_the_friction_of_slip_in_rows_that_corners_leave_out(
     assert abs(slip) > 0.1 and found == pytest.approx(0.3 / (1.0 + 0.5 * abs(slip)), rel=1e-9)
 
 
+@pytest.mark.parametrize("changes, solves_at, tried", [
+    (False, 2, [("followed", 0.3), ("searched", 0.3)]),
+    (True, 2, [("followed", 0.2), ("followed", 0.3)]),
+    (True, 3, [("followed", 0.2), ("followed", 0.3), ("searched", 0.2)])])
+def test_searches_come_after_the_friction_of_nodes_that_do_not_slide(monkeypatch, changes,
+                                                                     solves_at, tried):
+    """What takes seconds is not done while another friction, of quick methods, may do: friction is
+    0.2 by the latest slip, 0.3 without any.
+    """
+    of, met = slipping(1), []
+    of.slip.effects.coefficient_changes = changes
+    if changes:
+        of.rows.coefficient = np.full(N, 0.2)
+
+    def method(name):
+        def solve(problem, start):
+            met.append((name, problem.coefficient[0]))
+            return (start, name) if len(met) == solves_at else (None, "")
+        return solve
+
+    for name in ("followed", "searched"):
+        monkeypatch.setattr(globalization, name, method(name))
+    search = of.fixed.search
+    monkeypatch.setattr(search, "_with_own_slip", lambda problem, solution: solution)
+    change, solver = search._solved_for(of.load, np.zeros(3 * N), -of.load.d)
+    assert met == tried and solver == tried[-1][0] and not change.any()
+
+
 @pytest.mark.parametrize("levels, expected", [(2, 7.0 + 0.5 * 3.0), (1, 7.0)])
 def test_bodies_move_by_what_springs_would_where_gradients_leave_springs_out(levels, expected):
     """A condensed problem has bodies on springs: forces of work -3 on a motion change by as much
