@@ -256,6 +256,38 @@ def test_a_search_ends_with_the_friction_of_slip_in_rows_that_corners_leave_out(
     assert abs(slip) > 0.1 and found == pytest.approx(0.3 / (1.0 + 0.5 * abs(slip)), rel=1e-9)
 
 
+@pytest.mark.parametrize("levels", [1, 2])
+def test_nodes_that_slide_stay_on_their_bound_to_the_last_bit(levels):
+    """A row inside its bound by a rounding would count as one that sticks, with all its slip."""
+    of = parts(1, 0.3, levels=levels, **TIGHT)
+    load, start = load_of(of), np.zeros(3 * N)
+    start[:N], start[N : 2 * N] = 0.1, 0.01
+    change = np.zeros(2 * N)
+    change[:N], change[N:] = 0.2, 0.3 * 0.3 * (1 - 4e-16) - 0.01
+    x, _ = of.fixed.search._followed(1, load, start, of.operator.apply(start) - load.d, change,
+                                     Trace())
+    assert np.array_equal(x[N : 2 * N], of.rows.friction_bound(x))
+    assert not np.array_equal(start[N : 2 * N] + change[N:], of.rows.friction_bound(x))
+
+
+@pytest.mark.parametrize("growth, starts_from_there", [(1.0, True), (1e9, False)])
+def test_no_search_starts_from_multipliers_that_ran_away(monkeypatch, growth, starts_from_there):
+    """Their rounding hides the loads: the step begins where it began."""
+    of, met = parts(1, 0.3, **TIGHT), []
+    load, first, sliding = load_of(of), np.zeros(3 * N), np.zeros(N)
+    of.qp.scales.renew(d=of.qp.size(load.d))
+    away = growth * of.qp.scales.d / of.qp.bound * np.ones(3 * N) / np.sqrt(3 * N)
+
+    def fail(*_):
+        raise Unfinished(NotConverged("of the test"), away, away)
+
+    monkeypatch.setattr(of.fixed, "_start", lambda *_: (away, -load.d))
+    monkeypatch.setattr(of.fixed, "_approximate", fail)
+    monkeypatch.setattr(of.fixed, "condensed", lambda index, load, x, *_: met.append(x))
+    of.fixed.find(1, load, first, -load.d, sliding, Trace(), 1e-8)
+    assert np.array_equal(met[0], away if starts_from_there else first)
+
+
 @pytest.mark.parametrize("changes, solves_at, tried", [
     (False, 2, [("followed", 0.3), ("searched", 0.3)]),
     (True, 2, [("followed", 0.2), ("followed", 0.3)]),
