@@ -34,11 +34,14 @@ def test_random_states_lead_to_a_solution_where_there_is_one(modes):
 
 
 def test_contact_may_pull():
-    """Three bilateral nodes, whose friction goes by forces of either sign."""
+    """Three bilateral nodes, whose friction goes by forces of either sign.
+
+    One start is enough, as states in circles go on by chance; without that it is for one in four.
+    """
     rng, solved = np.random.default_rng(5), 0
     for _ in range(20):
         problem = step(rng, 1, pulls=np.ones(3, bool))
-        found = trials.solution(problem, 30)
+        found = trials.solution(problem, 1)
         assert found is None or problem.search(2000)
         solved += found is not None
     assert solved >= 15
