@@ -14,7 +14,7 @@ from ..scene.manifest import Manifest
 from .corners import corner_vertices
 from .gathering import gather, largest, lookup
 from .rigid_modes import all_springs, rigid_modes
-from .row_stiffness import least_share, pair_share, row_scale, seen_stiffness
+from .row_stiffness import row_scale, seen_stiffness, shares
 from .rows import LocalRows, RowKind
 from .structure import ContactTable, Substructure
 from .travel import separated
@@ -91,11 +91,11 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm, friction
     yielding = np.zeros(len(order))
     if compliance is not None:
         yielding[number[n_g : n_g + n_n] - begin] = compliance[normal_rows]
-    share = pair_share(skeleton, contact)
+    share, counted = shares(skeleton, contact)
     seen, stiffness = (
         seen_stiffness(skeleton, row_gid[order], kind[order], np.concatenate(
             [np.ones(len(gluing)), of_node[normal_rows], of_node[tangential_rows]])[order])
-        for of_node in (share, np.maximum(share, least_share(skeleton, contact))))
+        for of_node in (share, counted))
     scale = row_scale(seen, float(largest(comm, np.array([seen.max(initial=0.0)]))[0]))
     row_starts = np.searchsorted(row_owner[order], first + np.arange(len(subdomains)))
     glued = np.full((len(skeleton.gids), 2), -1)

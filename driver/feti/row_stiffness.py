@@ -30,34 +30,34 @@ def row_scale(seen: np.ndarray, stiffest: float) -> np.ndarray:
     return 2.0 ** np.round(0.5 * ratio)
 
 
-def pair_share(skeleton, contact) -> np.ndarray:
-    """(n_c,) part that the stiffness of both sides in series is of the node's own; 1 on obstacles.
+def shares(skeleton, contact) -> tuple[np.ndarray, np.ndarray]:
+    """(n_c,) parts of a node's own stiffness that its rows are scaled by, and that they count by.
 
-    Sides as stiff as one another share alike, which is no jump: relative to that.
+    On obstacles 1. Of pairs that of both sides in series, sides as stiff as one another alike,
+    which is no jump. What rows count by is no less where how nodes share a force is up to the
+    stiffest body among those that it passes through. Collective.
     """
+    if not contact.paired.any():
+        return np.ones(len(contact.gid)), np.ones(len(contact.gid))
     stiffness = skeleton.over_subdomains(np.maximum, skeleton.stiffness)
-    of_terms = skeleton.at(contact.term_gid, stiffness)
+    own, met = (skeleton.at(gid, stiffness) for gid in (contact.gid, contact.term_gid))
+    share = _in_series(contact, met)
+    return share, np.maximum.reduce([share, _crowded(contact), _handed_on(contact, met) / own])
+
+
+def _in_series(contact, stiffness: np.ndarray) -> np.ndarray:
+    """(n_c,) part that the stiffness of both sides in series is of the node's own, by (terms,)."""
     size = np.abs(contact.term_value)
 
     def mean(terms):
         """(n_c,) stiffness at the nodes of some terms, weighted with their sizes."""
         node, count = contact.term_node[terms], len(contact.gid)
-        total = np.bincount(node, (size * of_terms)[terms], count)
+        total = np.bincount(node, (size * stiffness)[terms], count)
         return total / np.maximum(np.bincount(node, size[terms], count), 1e-300)
 
     own, other = mean(~contact.term_other), mean(contact.term_other)
     met = contact.paired & (own > 0) & ~contact.idle
     return np.where(met, 2 * other / np.maximum(own + other, 1e-300), 1.0)
-
-
-def least_share(skeleton, contact) -> np.ndarray:
-    """(n_c,) part of the node's own stiffness that its rows count by at least, whatever they meet.
-
-    How nodes share a force is up to the stiffest body among those that it passes through.
-    """
-    stiffness = skeleton.over_subdomains(np.maximum, skeleton.stiffness)
-    own, met = (skeleton.at(gid, stiffness) for gid in (contact.gid, contact.term_gid))
-    return np.maximum(_crowded(contact), _handed_on(contact, met) / own)
 
 
 def _crowded(contact) -> np.ndarray:
@@ -90,8 +90,8 @@ def _handed_on(contact, stiffness: np.ndarray) -> np.ndarray:
     np.minimum.at(least, vertex, condition)
     np.maximum.at(most, vertex, condition)
     meets = ((most > least) & (most > 0))[vertex]
-    of_node, of_vertex, found = np.zeros((3, max(len(contact.gid), len(least))))
+    of_node, found, of_vertex = *np.zeros((2, len(contact.gid))), np.zeros(len(least))
     np.maximum.at(of_node, node, stiffness)
     np.maximum.at(of_vertex, vertex, of_node[node])
     np.maximum.at(found, node[meets], of_vertex[vertex[meets]])
-    return found[: len(contact.gid)]
+    return found

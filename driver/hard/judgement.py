@@ -129,8 +129,8 @@ class Problem:
             shown, why = self._none_in(outcome, step) if step >= 0 else (False, "it names no step")
             if not shown:
                 return "FAILED", f"{said}; not confirmed: {why}{doubt}"
-        for outcome in outcomes:
-            law, violation, allowed = ("", 0.0, LAWS) if outcome.status else self.broken(outcome)
+        for outcome in (run for run in outcomes if not run.status):
+            law, violation, allowed = self.broken(outcome)
             if not violation <= allowed:
                 return "FAILED", f"{said}; another cut solves it, with {law} {violation:.1e}"
         return "refused", f"{said}; {why}{doubt}"

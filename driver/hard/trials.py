@@ -58,11 +58,11 @@ class _Trial:
             seen.add(known)
             rests = self._resting(closed)
             x = self._solved(closed, side, way, rests, friction)
-            over, slip, press, along = self._found(x)
+            over, slip, press, along = found = self._found(x)
             if self.states.law is not None:
                 friction = self.states.law.at(slip)
             bound = friction * np.abs(press) + self.states.offset
-            if self._wrong(closed, side, way, rests, bound, x) <= SOLVED:
+            if self._wrong(closed, side, way, rests, bound, found, x) <= SOLVED:
                 return x
             trial = along - slip
             closed = self.states.pulls | (press + over > 0)
@@ -108,9 +108,9 @@ class _Trial:
         return (np.where(self.held, 0.0, moved[:n] - self.room), moved[n:] - states.start,
                 -x[:n], x[n : 2 * n])
 
-    def _wrong(self, closed, side, way, rests, bound, x) -> float:
+    def _wrong(self, closed, side, way, rests, bound, found, x) -> float:
         """Largest violation of what the states do not solve for, equations left open among it."""
-        states, (over, slip, press, along) = self.states, self._found(x)
+        states, (over, slip, press, along) = self.states, found
         pulls, rubs = states.pulls, ~self.smooth
         normal = np.where(pulls, np.where(rubs & (way != 0), np.maximum(-side * press, 0.0), 0.0),
                           np.where(closed, np.maximum(-press, np.abs(over)),
