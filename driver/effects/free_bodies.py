@@ -165,7 +165,7 @@ class FreeBodies:
         (a polygon in a polygon hardly resists turning): multipliers may have to follow. Collective.
         """
         op, parts = self.operator, self.operator.rigid_parts
-        placed = (parts.coefficients(op.deformations(x, load.weights))
+        placed = (parts.coefficients(op.deformations(x, load.weights, refined=op.uneven))
                   + op.structure.travel.of(load.weights))
         turn = np.array([parts.bodies.coefficients(mode) for mode in op.structure.rigid_modes]).T
         gram = block_diag(*parts.gram)

@@ -22,7 +22,8 @@ class DualProblem(ABC):
     motions, `motions` (owned,) each the displacements of the dual rows under them, `rho` (modes,)
     the compliances of the springs that hold them and `rigid_work` (2, patterns, modes) the work of
     the load patterns on them, and that of its absolute values. `row_level` (owned,) is which of the
-    `levels` of stiffness a row belongs to, see stiff_parts.py. `travels` holds by load pattern the
+    `levels` of stiffness a row belongs to, see stiff_parts.py; `uneven`: stiffness jumps by so much
+    that only refined displacements have the digits of a step's tolerances. `travels` holds by load pattern the
     displacements (owned,) of the dual rows by the rigid motion that supports prescribe, where any.
     """
 
@@ -35,6 +36,7 @@ class DualProblem(ABC):
     motions: list[np.ndarray]
     travels: dict[int, np.ndarray]
     levels = 1
+    uneven = False
     row_level: np.ndarray
     rho: np.ndarray
     rigid_work: np.ndarray
@@ -107,6 +109,19 @@ class DualProblem(ABC):
                   weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(modes,) work of all forces on the rigid motions, zero in equilibrium; its sizes."""
         return np.zeros(0), np.zeros(0)
+
+    @property
+    def jumps(self) -> bool:
+        """Whether rows differ in stiffness, or displacements have too few digits."""
+        return self.levels > 1 or self.uneven
+
+    def by_springs(self, multipliers: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """(owned,) what springs that hold bodies without support move the rows by; collective."""
+        if not self.modes:
+            return np.zeros(self.owned)
+        net, _ = self.imbalance(multipliers, weights)
+        return sum((way * motion for way, motion in zip(self.rho * net, self.motions)),
+                   np.zeros(self.owned))
 
     def with_contact(self, contact) -> "DualProblem":
         """The same body with other gaps, friction or initial state; counts its own products."""

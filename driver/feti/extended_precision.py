@@ -14,10 +14,13 @@ all forces see alike.
 import numpy as np
 from mpi4py import MPI
 
+from .gathering import gather
+
 LONG = np.longdouble  # 64 bits of mantissa on x86, no less than 53 anywhere
 DIGITS = 44  # binary ones of a whole number, so that hundreds of them have a sum of no more than 53
 HALF = (np.finfo(LONG).nmant - 9) // 2  # digits of factors, a thousand of whose products add up
-PASSES = 3  # corrections; each leaves of the error what a factor rounds off of its solution
+PASSES = 10  # corrections at most; each leaves of the error what factors round off of a solution
+HEADWAY = 0.5  # part of the last correction above which the next one is rounding itself
 
 
 class Refinement:
@@ -28,6 +31,8 @@ class Refinement:
         self.structure, self.classes = structure, classes
         self.coarse, self.recovery = coarse, recovery
         self._stiffness = [_split(c.K.astype(LONG)) for c in classes]
+        self.passes = 0  # corrections of the latest fields
+        self._reactions = _Reactions(structure, coarse) if structure.rigid_modes else None
 
     def fields(self, rows: np.ndarray, weights: np.ndarray) -> list[np.ndarray]:
         """Displacements u (dofs,) of the subdomains under sum_k weights_k f_k - B' lambda.
@@ -37,38 +42,64 @@ class Refinement:
         """
         springs, self.coarse.rho = self.coarse.rho, np.zeros(len(self.coarse.rho))
         whole = np.append(weights, np.zeros(len(springs)))
+        (loads, pushed), self.passes = self._forces(rows, weights), 0
         try:
-            fields = self.recovery.displacements(rows, whole, None)
-            fields = [u.astype(LONG) for u in fields]
-            for _ in range(PASSES):
-                parts = self._changes(self._residual(rows, weights, fields), len(rows))
-                fields = [sum(of_field) for of_field in zip(fields, *parts)]
+            fields = [u.astype(LONG) for u in self.recovery.displacements(rows, whole, None)]
+            rest = [np.zeros_like(u) for u in fields]  # of later passes: the sum has fewer digits
+            missing, small = self._less(loads, pushed, fields), [np.zeros_like(u) for u in fields]
+            last, now = np.inf, self._largest(fields)
+            while self.passes < PASSES and now <= HEADWAY * last:
+                change = self._changes(self._less(missing, small, rest), len(rows))
+                last, now = now, self._largest(change)
+                if not self.passes:
+                    fields = list(map(sum, zip(fields, change)))
+                    missing = self._less(loads, pushed, fields)
+                else:
+                    rest = list(map(sum, zip(rest, change)))
+                self.passes += 1
         finally:
             self.coarse.rho = springs
-        return fields
+        return list(map(sum, zip(fields, rest)))
 
-    def _residual(self, rows: np.ndarray, weights: np.ndarray, fields: list) -> list[np.ndarray]:
-        """f - K u (dofs,) of every subdomain, zero where displacements are prescribed."""
+    def _largest(self, fields) -> float:
+        """Largest displacement in `fields` (dofs,) of all ranks."""
+        largest = max((float(np.abs(u).max(initial=0.0)) for u in fields), default=0.0)
+        return self.coarse.comm.allreduce(largest, op=MPI.MAX)
+
+    def _forces(self, rows: np.ndarray, weights: np.ndarray) -> tuple[list, list]:
+        """sum_k weights_k f_k and -B' lambda (dofs,) on every subdomain.
+
+        Not their sum: beside loads of heat, which stress stiff parts, lambda would lose digits.
+        """
+        loads = [weights.astype(LONG) @ sub.loads for sub in self.structure.subdomains]
+        pushed = [np.zeros(len(load), LONG) for load in loads]
+        for c in self.classes:
+            multipliers = rows[c.rows].reshape(len(c.members), -1).T.astype(LONG)
+            torn, corner = c.B_r.T.astype(LONG) @ multipliers, c.B_c.T.astype(LONG) @ multipliers
+            for k, s in enumerate(c.members):
+                pushed[s][c.torn], pushed[s][c.corner] = -torn[:, k], -corner[:, k]
+        return loads, pushed
+
+    def _less(self, forces: list[np.ndarray], small: list[np.ndarray],
+              fields: list[np.ndarray]) -> list[np.ndarray]:
+        """`forces` + `small` - K u (dofs,) of every subdomain, zero where u is prescribed."""
         left = [np.empty(0)] * len(fields)
         for c, K in zip(self.classes, self._stiffness):
-            inner = _product(K, np.column_stack([fields[s] for s in c.members]))
-            multipliers = rows[c.rows].reshape(len(c.members), -1).T.astype(LONG)
-            force = np.zeros_like(inner)
-            force[c.torn] = -(c.B_r.T.astype(LONG) @ multipliers)
-            force[c.corner] = -(c.B_c.T.astype(LONG) @ multipliers)
+            inner, rest = _product(K, np.column_stack([fields[s] for s in c.members]))
             for k, s in enumerate(c.members):
-                force[:, k] += weights.astype(LONG) @ self.structure.subdomains[s].loads
-                force[self.structure.fixed[s], k] = inner[self.structure.fixed[s], k]
-                left[s] = force[:, k] - inner[:, k]
+                left[s] = (forces[s] - inner[:, k]) + (small[s] - rest[:, k])
+                left[s][self.structure.fixed[s]] = 0.0
         return left
 
-    def _changes(self, left: list[np.ndarray], count: int) -> tuple[list, list]:
-        """Displacements (dofs,) of the subdomains by the residuals `left`, in two parts.
+    def _changes(self, left: list[np.ndarray], count: int) -> list[np.ndarray]:
+        """Displacements (dofs,) of the subdomains by the residuals `left`.
 
         At corners subdomains bear one another by forces far beyond what is left of their sum. So
         they go in whole numbers of a unit, whose sum has no rounding, and the rest. `count` is the
         number of stacked local rows.
         """
+        if self._reactions is not None:
+            self._reactions.take_from(left, self.classes)
         nothing = np.zeros(count), np.zeros(self.structure.patterns + len(self.coarse.rho))
         corner = np.zeros(len(self.coarse.numbers), LONG)
         for c in self.classes:
@@ -81,8 +112,9 @@ class Refinement:
             for s, of_corner in zip(c.members, whole[c.corners].reshape(len(c.members), -1)):
                 left[s][c.corner] -= of_corner
         rest = [of.astype(float) for of in left]
-        return (self.recovery.displacements(*nothing, rest),
-                self.recovery.between_corners(*nothing, self.coarse.solve(whole)))
+        far = self.recovery.between_corners(*nothing, self.coarse.solve(whole))
+        return [a.astype(LONG) + b
+                for a, b in zip(self.recovery.displacements(*nothing, rest), far)]
 
     def moved(self, rows: np.ndarray, fields: list[np.ndarray]) -> np.ndarray:
         """Local B u of `fields`, stacked and unsigned as `rows` are, less what rows that yield give
@@ -101,6 +133,32 @@ class Refinement:
         return moved
 
 
+class _Reactions:
+    """Forces at corners that keep bodies without support where they are, see coarse.py.
+
+    Else what forces leave unbalanced would be residual in every pass, and its rounding move nodes.
+    """
+
+    def __init__(self, structure, coarse):
+        self.comm, self._corners = coarse.comm, structure.rigid_corners[coarse.numbers]
+        shared = np.bincount(gather(coarse.comm, coarse.numbers), minlength=coarse.dofs)
+        self._corners = self._corners.astype(LONG) / shared[coarse.numbers][:, None]
+        self._motions = [np.array([
+            mode.displacement(sub.xy).ravel() if structure.first + s in mode.members
+            else np.zeros(sub.dofs) for mode in structure.rigid_modes], LONG)
+            for s, sub in enumerate(structure.subdomains)]
+
+    def take_from(self, left: list[np.ndarray], classes) -> None:
+        """Take the reactions to the forces `left` (dofs,) on the subdomains from them; collective.
+        """
+        work = [R @ force for R, force in zip(self._motions, left)]
+        work = gather(self.comm, np.array(work).reshape(len(left), -1)).sum(axis=0)
+        reaction = self._corners @ work
+        for c in classes:
+            for s, of_corner in zip(c.members, reaction[c.corners].reshape(len(c.members), -1)):
+                left[s][c.corner] -= of_corner
+
+
 def _split(K) -> tuple:
     """K as its leading `HALF` digits, beside its largest entry, and the rest; scipy CSR both."""
     leading, rest = K.copy(), K.copy()
@@ -115,12 +173,12 @@ def _rounded(values: np.ndarray) -> np.ndarray:
     return np.rint(values / unit) * unit
 
 
-def _product(K: tuple, u: np.ndarray) -> np.ndarray:
-    """K u of a matrix in two parts and u (dofs, k), in `HALF` digits more than LONG has.
+def _product(K: tuple, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """K u of a matrix in two parts and u (dofs, k), as a sum: `HALF` digits more than LONG has.
 
     What motions without stress leave of large terms has no rounding: products of leading digits add
     up exactly (K. Ozaki, T. Ogita, S. Oishi, S. Rump, Numer. Algor. 59 (2012) 95-118).
     """
     leading, rest = K
     large = _rounded(u)
-    return leading @ large + (leading @ (u - large) + rest @ u)
+    return leading @ large, leading @ (u - large) + rest @ u

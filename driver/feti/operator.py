@@ -29,7 +29,7 @@ from .blocks import BlockDiagonal
 from .coarse import CoarseProblem
 from .dirichlet import DirichletPreconditioner
 from .dual_problem import DualProblem
-from .extended_precision import PASSES, Refinement
+from .extended_precision import Refinement
 from .recovery import Recovery
 from .reduction import LocalClass, group, reduce_class, renew_rows, stack
 from .rigid_parts import LeastDeformation, RigidParts
@@ -78,6 +78,7 @@ class DualOperator(DualProblem):
         self.stiff_parts = StiffParts(structure, comm)
         self.row_level = self.stiff_parts.level
         self.levels = len(self.stiff_parts.exponents)
+        self.uneven = self.stiff_parts.uneven
         self._least = LeastDeformation(structure, self.classes, comm)
         self._latest = None  # multipliers, weights and their fields, see `deformations`
         self._fields = None  # displacements under every load pattern, see `renew`
@@ -178,12 +179,12 @@ class DualOperator(DualProblem):
 
     def gradient(self, multipliers: np.ndarray, load) -> np.ndarray:
         """See DualProblem: displacements are refined where stiffness jumps."""
-        if self.levels == 1:
+        if not self.jumps:
             return super().gradient(multipliers, load)
-        self.products += 1 + PASSES
-        rows = self._signed_rows(multipliers)
-        fields = self._refined().fields(rows, load.weights[: self.structure.patterns])
-        moved = self._refined().moved(rows, fields)
+        rows, refinement = self._signed_rows(multipliers), self._refined()
+        fields = refinement.fields(rows, load.weights[: self.structure.patterns])
+        self.products += 1 + refinement.passes
+        moved = refinement.moved(rows, fields)
         total = -load.rest - self.vectors.assemble(moved * self.vectors.sign)
         return total if self.softness is None else total + self.softness * multipliers
 

@@ -23,6 +23,8 @@ from ..scene import elements
 from .edges import split_edges
 from .gathering import gather, joined
 
+UNEVEN = 1e4  # stiffness of the stiffest triangle over that of the softest from which factors round
+# off more of displacements than the tolerances of a step, whatever contact touches
 ROUNDED = 1e-6  # of an exponent: no rounding decides on which side of a power of ten a ratio is
 
 
@@ -30,7 +32,7 @@ class StiffParts:
     """Scales of displacements of the rows of `structure`, by levels of stiffness; collective.
 
     `exponents` (levels,) are the e that rows have, and 0, which is the first; `level` (owned,) is
-    the place of the row's own in them.
+    the place of the row's own in them. `uneven`: displacements need refinement for their digits.
     """
 
     def __init__(self, structure, comm):
@@ -39,6 +41,8 @@ class StiffParts:
         stiffness = {key: np.einsum("tii->t", law) for key, law in laws.items()}
         least = min((k.min() for k in stiffness.values()), default=np.inf)
         softest = comm.allreduce(least, op=MPI.MIN)
+        most = max((k.max() for k in stiffness.values()), default=0.0)
+        self.uneven = bool(comm.allreduce(most, op=MPI.MAX) >= UNEVEN * softest)
 
         def exponent(k: np.ndarray) -> np.ndarray:
             return np.floor(np.log10(k / softest) + ROUNDED).astype(int)

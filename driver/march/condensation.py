@@ -91,7 +91,7 @@ class Condensation:
         """That of the gluing rows; None where there are none, or bodies that move freely, or
         stiffness jumps: pivots keep more digits there.
         """
-        if self.whole or self.operator.modes or self.operator.levels > 1:
+        if self.whole or self.operator.modes or self.operator.jumps:
             return None
         return GluingElimination(self.operator)
 

@@ -16,9 +16,9 @@ corrected by increments, too: what its compliance rounds off slows passes down a
 import numpy as np
 
 from ..errors import NoSolution, NotConverged
-from ..qp import complementarity
 from ..qp.anderson import Anderson
 from ..qp.coefficients import consistent
+from ..qp.correction import corrected
 from ..qp.mprgp import projected_gradient
 from ..text import step_name
 from . import globalization
@@ -70,7 +70,7 @@ class CondensedSearch:
         """As FixedPoint takes them."""
         self.qp, self.bodies, self.slip, self.condensation = qp, bodies, slip, condensation
         self.operator, self.rows = qp.operator, qp.rows
-        self.stiff = self.operator.levels > 1 and not self.operator.contact_rows_only
+        self.stiff = self.operator.jumps and not self.operator.contact_rows_only
 
     def solution(self, index: int, load: Load, x: np.ndarray, trace: Trace, rtol: float):
         """Multipliers near x that solve the step, their gradient and the rows that slide.
@@ -243,7 +243,7 @@ class CondensedSearch:
         except NotConverged:
             return None
         start = problem.whole(self.condensation.gather(x))
-        return complementarity.corrected(problem, start, -self.condensation.gather(gradient))
+        return corrected(problem, start, -self.condensation.gather(gradient))
 
     def _share(self, change: np.ndarray, x: np.ndarray) -> float:
         """Norm of the contact forces in a `change` (n + m + k,), over that of those in x."""

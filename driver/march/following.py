@@ -205,7 +205,8 @@ class FollowingSolver(QuasistaticSolver):
     # ---- displacements of the vertices of contact boundaries ------------------------------------
     def _deformations(self, step: Step) -> np.ndarray:
         """(k, 2) displacements without rigid motions, prescribed or free."""
-        fields = self._nodal(self.operator.deformations(step.multipliers, step.weights))
+        fields = self._nodal(self.operator.deformations(step.multipliers, step.weights,
+                                                        refined=step.refined))
         motion = step.weights[self.operator.structure.patterns:]
         return fields - sum((a * r for a, r in zip(motion, self._motions)), np.zeros_like(fields))
 

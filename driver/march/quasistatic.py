@@ -254,7 +254,8 @@ class QuasistaticSolver:
         """
         op, rows = self.operator, self.rows
         # of the last step estimates ask how fast it contracts
-        products, trace, error = op.products, Trace(rated=index == len(self.times) - 1), None
+        products, trace, error = op.products, Trace(
+            rated=index == len(self.times) - 1, refined=op.uneven), None
         self.closure.begin_step(self.contact.motion is not None)
         moved = op.apply(x)
         load = self.load(index, motion, moved)
@@ -293,7 +294,7 @@ class QuasistaticSolver:
     def _kept(self, load: Load, x, gradient):
         """As `_settled` from x, whose nodes do not slide, if residuals are small enough; else None.
         """
-        still = gradient.copy()
+        still = self.operator.gradient(x, load) if self.operator.uneven else gradient.copy()
         still[self.rows.tangential] = 0.0
         residuals = self.residuals.of(load, x, still)
         return (x, still, np.zeros_like(x), residuals) if self.residuals.enough(residuals) else None

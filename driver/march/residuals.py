@@ -54,7 +54,8 @@ class Residuals:
         away = load.weights[first:].copy()
         if motion is not None:
             self.bodies.shift(load, motion - away)
-        nothing = np.zeros_like(x), -load.d
+        x0, op = np.zeros_like(x), self.operator
+        nothing = x0, op.gradient(x0, load) if op.uneven else -load.d
         known, still = vars(self.scales).copy(), self.still
         residuals = self.of(load, *nothing)
         if self.enough(residuals):
@@ -85,7 +86,7 @@ class Residuals:
             others["equilibrium"] = self.bodies.imbalance(load, x)
         missed, least = self._changing(x, gradient), self._least_deformation(load)
         # what decides whether a corner touches both sides must not depend on the cut
-        whole = op.modes or op.levels > 1 or self.rows.corners is not None
+        whole = op.modes or op.jumps or self.rows.corners is not None
         quick = () if whole else (op.least_deformation,)
         for measure in (*quick, op.deformation_by_level):
             deformations = np.atleast_1d(measure(x, load.weights))

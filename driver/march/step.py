@@ -71,6 +71,10 @@ class Load:
         self.d, self.rest = self.d + change, self.rest + change
         self.start = self.start[0], self.start[1] + change, self.start[2] + change
 
+    def correct(self, missed: np.ndarray) -> None:
+        """Add `missed` (owned,) to d, which products F x near a solution are off by."""
+        self.d, self.start = self.d + missed, (self.start[0], self.start[1] + missed, self.start[2])
+
     def move(self, motions: list[np.ndarray], change: np.ndarray) -> np.ndarray:
         """Move bodies by `change` (modes,) of their `motions` of dual rows; the change of d."""
         (weights, d, rest), before = self.start, self.d

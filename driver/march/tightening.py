@@ -70,7 +70,7 @@ class Tightening:
     def _found(self, x, gradient, sliding) -> tuple:
         """The next state. Raises Unfinished."""
         self.qp.aim(self.of_qp, x)
-        self.trace.refined = False
+        self.trace.refined = self.operator.uneven
         rtol = max(self.of_friction * self.march.settings.friction_rtol, ROUNDED)
         return self.find(self.index, self.load, x, gradient, sliding, self.trace, rtol)
 
@@ -116,7 +116,7 @@ class Tightening:
             gradient = None  # it has followed bodies that went so far: their rounding is in it
         x, gradient, moved = self.march.into_cone(load.d, x, gradient, sliding)
         if self.trace.refined:  # as what is reported of it
-            gradient = self.operator.gradient(x, load)
+            gradient = self._to_all_digits(x)
         found = residuals.of(load, x, gradient, exact=True)
         self.answer = residuals.free_of_forces(load, x) if residuals.faded(x) else None
         excess = {name: value / residuals.asked(name) for name, value in found.items()}
@@ -143,6 +143,19 @@ class Tightening:
                 return state
         self._tighten(excess, worst, idle)
         return x, gradient, sliding
+
+    def _to_all_digits(self, x: np.ndarray) -> np.ndarray:
+        """Gradient at x by refined displacements, which the QPs that follow see near x, too.
+
+        Springs move nothing in these: bodies go where their springs have moved them.
+        """
+        op, load = self.operator, self.load
+        if op.modes and not self._eliminates:
+            self.bodies.follow(load, x)
+        gradient = op.gradient(x, load)
+        if not self._eliminates:
+            load.correct(op.apply(x) - load.d - gradient + op.by_springs(x, load.weights))
+        return gradient
 
     def _otherwise(self, x, gradient, sliding, stays: DriverError) -> tuple | None:
         """The state to go on from where tightening leads no further; None if it still may.

@@ -20,16 +20,13 @@ from collections.abc import Callable
 
 import numpy as np
 
+from .correction import rigidity
 from .coulomb import CoulombProblem
 
 STEPS = 60  # Newton steps at most
 HALVINGS = 12  # of a step that does not lessen the residual
 NEAR = 1e-7  # part of the largest slip by which the law's derivative is taken
 WEAK = 1e-12  # part of the largest singular value below which nothing holds a motion
-# part of its compliance that a row yields by beside it where its rigidity is measured: rows that
-# depend on one another are rigid against each other, and with less (1e-8, beside rigid motions)
-# what their steps are is below WEAK
-BESIDE = 1e-6
 EXACT = 1e-13  # residual beside the forces at which steps end
 
 
@@ -38,7 +35,7 @@ class _Equations:
 
     def __init__(self, problem: CoulombProblem, law: Callable[[np.ndarray], np.ndarray]):
         self.problem, self.law = problem, law
-        self.rigidity = _rigidity(problem.compliance)
+        self.rigidity = rigidity(problem.compliance)
         self.root = np.sqrt(self.rigidity)
         self.unit = np.append(self.root, 1.0 / (problem.reach * np.sqrt(
             np.median(self.rigidity)) if problem.k else np.zeros(0)))
@@ -82,16 +79,6 @@ class _Equations:
         whole = np.vstack([own, along]) / self.root[:, None]
         net = np.hstack([problem.motions.T, np.zeros((k, k))]) * self.unit[rows:, None]
         return np.vstack([whole, net]) * self.unit
-
-
-def _rigidity(compliance: np.ndarray) -> np.ndarray:
-    """(n + m,) forces that move a row by one while all others stay.
-
-    Rows that depend on one another cannot: they count as 1 / BESIDE times their own rigidity.
-    """
-    root = np.sqrt(np.diag(compliance))
-    alike = compliance / np.outer(root, root) + BESIDE * np.eye(len(root))
-    return np.diag(np.linalg.inv(alike)) / root**2
 
 
 def consistent(problem: CoulombProblem, z: np.ndarray,

@@ -125,29 +125,6 @@ def settled(problem: CoulombProblem, start: np.ndarray, move: np.ndarray,
     return None
 
 
-def corrected(problem: CoulombProblem, z: np.ndarray, movement: np.ndarray) -> np.ndarray | None:
-    """Change of z to a solution by Newton steps, to digits of the change.
-
-    `movement` (n + m,) is that at z, better known than a product with the compliance knows it. None
-    where states do not settle: on their border they may come again, in a solution to rounding. Nor
-    do states that settle balance motions that they do not hold.
-    """
-    change, moved, seen = np.zeros_like(z), movement, []
-    for _ in range(NEWTON_STEPS):
-        states, sign = problem.states(z + change, moved), problem.signs(z + change)
-        key = states.tobytes() + sign.tobytes()
-        if key in seen:
-            settled = key == seen[-1] and not problem.k
-            obeys = settled or problem.violation(z + change, moved) <= ROUNDING
-            return change if obeys else None
-        seen.append(key)
-        found = problem.correction_in(states, sign, z, movement)
-        if found is None:
-            return None
-        change, moved = found
-    return None
-
-
 def lemke(problem: CoulombProblem) -> np.ndarray | None:
     """A solution by complementary pivots, in unilateral contact for any friction coefficient.
 

@@ -158,7 +158,7 @@ def test_a_free_body_settles_where_it_moves_least():
     of.placed = was
     of.operator.rigid_parts = SimpleNamespace(coefficients=lambda fields: now - 1.0, bodies=bodies,
                                               gram=np.diag([4.0, 4.0, 1.0])[None])
-    of.operator.deformations = lambda x, weights: None
+    of.operator.deformations, of.operator.uneven = lambda x, weights, refined: None, False
     of.operator.structure.travel.of = lambda weights: np.array([[1.0, 1.0, 1.0]])
     load = SimpleNamespace(weights=None, move=lambda motions, change: change)
     x, gradient = np.array([4.0, 0.0, 2.0, 0.0]), np.array([0.0, 0.25, -0.5, 0.0])

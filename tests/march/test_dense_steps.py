@@ -9,6 +9,7 @@ from mpi4py import MPI
 from driver.contact.kkt import Scales
 from driver.contact.rows import ContactRows
 from driver.errors import NoSolution, NotConverged
+from driver.feti.dual_problem import DualProblem
 from driver.march import fixed_point
 from driver.march.condensation import Condensation
 from driver.march.fixed_point import FixedPoint
@@ -31,6 +32,8 @@ def matrix(seed: int) -> np.ndarray:
 
 class Dense:
     """Operator of a dense dual matrix."""
+
+    uneven, jumps = False, DualProblem.jumps
 
     def __init__(self, F: np.ndarray):
         self.F, self.owned, self.products, self.modes, self.travels = F, len(F), 0, 0, {}

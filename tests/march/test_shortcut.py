@@ -241,10 +241,10 @@ def test_where_it_is_not_possible(changed):
         assert way.possible == expected
 
 
-@pytest.mark.parametrize("changed", [{"levels": 2}, {"modes": 3}, {"contact_rows_only": True}])
+@pytest.mark.parametrize("changed", [{"jumps": True}, {"modes": 3}, {"contact_rows_only": True}])
 def test_what_is_not_eliminated(changed):
     """Jumps of stiffness take pivots, free bodies a border, studies have no gluing rows."""
-    own = SimpleNamespace(**({"levels": 1, "modes": 0, "contact_rows_only": False} | changed))
+    own = SimpleNamespace(**({"jumps": False, "modes": 0, "contact_rows_only": False} | changed))
     condensation = object.__new__(Condensation)
     condensation.operator = own
     assert condensation.elimination is None

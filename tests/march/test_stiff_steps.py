@@ -311,6 +311,7 @@ def test_a_state_that_is_kept_slides_nowhere(enough):
         return {}
 
     march = SimpleNamespace(rows=SimpleNamespace(tangential=np.array([1])),
+                            operator=SimpleNamespace(uneven=False),
                             residuals=SimpleNamespace(of=of, enough=lambda found: enough))
     kept = QuasistaticSolver._kept(march, None, np.ones(2), np.array([1e-9, 1e-8]))
     assert (kept is not None) is enough

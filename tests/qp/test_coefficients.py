@@ -46,17 +46,6 @@ def test_bodies_on_weak_springs_find_the_friction_of_their_slip():
     assert found >= 24
 
 
-def test_rigidity_is_what_a_row_resists_while_others_stay():
-    """Of rows that move together, too; one that depends on others resists as far as BESIDE goes."""
-    soft = 1e3
-    pair = np.array([[soft + 0.5, soft], [soft, soft + 0.5]])
-    expected = 1 / (soft + 0.5 - soft**2 / (soft + 0.5))
-    # the two differ by 1e-3, which BESIDE is a thousandth of
-    np.testing.assert_allclose(coefficients._rigidity(pair), expected, rtol=2e-3)
-    dependent = coefficients._rigidity(np.ones((2, 2)))
-    assert np.isfinite(dependent).all() and (dependent > 0.1 / coefficients.BESIDE).all()
-
-
 @pytest.mark.parametrize("motions, pulls", [(0, "none"), (1, "none"), (0, "all"), (1, "all")])
 @pytest.mark.some(2)
 def test_conditions_that_depend_on_one_another_find_the_friction_of_their_slip(motions, pulls):

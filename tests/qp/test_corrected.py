@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from test_complementarity import random_problem
 
-from driver.qp.complementarity import corrected, newton
+from driver.qp import correction
+from driver.qp.complementarity import newton
+from driver.qp.correction import corrected
 from driver.qp.coulomb import CoulombProblem
 
 WRONG = 1e-7  # part by which the compliance is off
@@ -78,3 +80,14 @@ def test_states_that_settle_but_balance_nothing_are_no_solution():
     pushed = CoulombProblem(np.eye(1), np.array([1.0]), np.zeros(0), np.zeros(0, int), False,
                             np.ones((1, 1)), np.array([2.0]))
     assert corrected(pushed, np.zeros(2), np.array([1.0])) == pytest.approx([2.0, 1.0])
+
+
+def test_rigidity_is_what_a_row_resists_while_others_stay():
+    """Of rows that move together, too; one that depends on others resists as far as BESIDE goes."""
+    soft = 1e3
+    pair = np.array([[soft + 0.5, soft], [soft, soft + 0.5]])
+    expected = 1 / (soft + 0.5 - soft**2 / (soft + 0.5))
+    # the two differ by 1e-3, which BESIDE is a thousandth of
+    np.testing.assert_allclose(correction.rigidity(pair), expected, rtol=2e-3)
+    dependent = correction.rigidity(np.ones((2, 2)))
+    assert np.isfinite(dependent).all() and (dependent > 0.1 / correction.BESIDE).all()
