@@ -23,8 +23,9 @@ class DualProblem(ABC):
     the compliances of the springs that hold them and `rigid_work` (2, patterns, modes) the work of
     the load patterns on them, and that of its absolute values. `row_level` (owned,) is which of the
     `levels` of stiffness a row belongs to, see stiff_parts.py; `uneven`: stiffness jumps by so much
-    that only refined displacements have the digits of a step's tolerances. `travels` holds by load pattern the
-    displacements (owned,) of the dual rows by the rigid motion that supports prescribe, where any.
+    that only refined displacements have the digits of a step's tolerances. `travels` holds by load
+    pattern the displacements (owned,) of the dual rows by the rigid motion that supports prescribe,
+    where any.
     """
 
     contact_rows_only = False

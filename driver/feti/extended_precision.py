@@ -7,8 +7,10 @@ Algorithms, SIAM 2002, chapter 12) takes it away,
 
     r = f - K u,   K d = r by the same factors,   u <- u + d,
 
-u and r in extended precision. The rounding of K's own entries stays: a change of a soft spring that
-all forces see alike.
+u and r in extended precision, as long as corrections get smaller. Stiff parts push soft springs by
+what the last bits of u, or of a force beside a larger one, are worth times their stiffness, so
+neither are rounded into a sum. The rounding of K's own entries stays: a change of a soft spring
+that all forces see alike.
 """
 
 import numpy as np

@@ -9,9 +9,12 @@ Hooke's law), k_0 that of the softest one in the scene and delta_0 the deformati
 
 R c the rigid motion nearest to u in the part, with a uniform swelling where anything is heated:
 what stress deforms the stiff material by, and no less than that of softer material would. Of a row
- it is the e with 10^e the power of ten at or
-below the stiffness that it meets (row_stiffness.py) over k_0. Neither the cut nor units nor
-ranks change it, and where stiffness varies by less than ten it is delta_0 and costs nothing.
+it is the e with 10^e the power of ten at or below the stiffness that it meets (row_stiffness.py)
+over k_0. Neither the cut nor units nor ranks change it, and where stiffness varies by less than ten
+it is delta_0 and costs nothing.
+
+Where it varies by `UNEVEN` and more, factors round off more of displacements than steps may miss,
+of soft parts as well: a step is judged by refined ones then (extended_precision.py).
 """
 
 import numpy as np

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..environment import PLAIN_PROGRAM, silenced
 from . import pivots
-from .coulomb import BACKWARD, FORWARD, OPEN, ROUNDING, STICK, CoulombProblem
+from .coulomb import BACKWARD, FORWARD, OPEN, STICK, CoulombProblem
 from .nearby import nearly_in
 
 DISTINCT = 1e-6  # solutions nearer than this part of the largest multiplier are the same

@@ -144,7 +144,8 @@ def test_a_product_in_two_parts_keeps_what_cancels():
     k[2, 2] += 0.1
     u = LONG(1 / 3) * np.ones((3, 2), LONG)
     u[1] += LONG(2.0) ** -60
-    inner = sum(extended_precision._product(extended_precision._split(csr_matrix(k.astype(LONG))), u))
+    parts = extended_precision._split(csr_matrix(k.astype(LONG)))
+    inner = sum(extended_precision._product(parts, u))
     whole = [[-3e9 * 2.0**-60] * 2, [6e9 * 2.0**-60] * 2,
              [-3e9 * 2.0**-60 + (k[2, 2] - 3e9) / 3] * 2]
     np.testing.assert_allclose(inner.astype(float), whole, rtol=1e-12)
