@@ -158,7 +158,9 @@ def test_a_free_body_settles_where_it_moves_least():
     of.placed = was
     of.operator.rigid_parts = SimpleNamespace(coefficients=lambda fields: now - 1.0, bodies=bodies,
                                               gram=np.diag([4.0, 4.0, 1.0])[None])
-    of.operator.deformations, of.operator.uneven = lambda x, weights, refined: None, False
+    refined_too = []
+    of.operator.deformations = lambda x, weights, refined: refined_too.append(refined)
+    of.operator.uneven = False
     of.operator.structure.travel.of = lambda weights: np.array([[1.0, 1.0, 1.0]])
     load = SimpleNamespace(weights=None, move=lambda motions, change: change)
     x, gradient = np.array([4.0, 0.0, 2.0, 0.0]), np.array([0.0, 0.25, -0.5, 0.0])
@@ -166,7 +168,9 @@ def test_a_free_body_settles_where_it_moves_least():
     np.testing.assert_allclose(change, [-(3 - 0.25) / 2, 0.0], atol=1e-12)
     np.testing.assert_allclose(of.placed, [[0.25, 5.0, 0.0]], atol=1e-12)
     of.placed = was
+    of.operator.uneven = True  # where it is to the digits of what is reported
     change = of.settle(load, np.zeros(4), gradient)  # nothing holds it
+    assert refined_too == [False, True]
     np.testing.assert_allclose(change, [-(3 - 0.25) / 2, -(5 - 0.5) / 0.5], atol=1e-12)
     np.testing.assert_allclose(of.placed, was, atol=1e-12)
 

@@ -637,9 +637,15 @@ def test_bounds_that_miss_those_of_their_slip():
     assert found.rows.coefficient is known
 
 
-def test_the_state_without_forces():
-    """With bodies where they are to be tried; if that is no solution all is as before."""
+@pytest.mark.parametrize("uneven", [False, True])
+def test_the_state_without_forces(uneven):
+    """With bodies where they are to be tried; if that is no solution all is as before.
+
+    Where stiffness jumps by much d is that of products near other forces: the gradient is not -d.
+    """
     found = residuals()
+    found.operator.uneven = uneven
+    found.operator.gradient = lambda x, load: x - 2.0 * load.d
     load, tried = Load(np.ones(1), np.arange(9.0), 1.0), []
     found.operator.structure.patterns = 1
     found.bodies = SimpleNamespace(shift=lambda load, change: tried.append(change.copy()))
@@ -655,7 +661,7 @@ def test_the_state_without_forces():
     x = np.ones(9)
     nothing, gradient, moved, _ = found.free_of_forces(load, x)
     assert not nothing.any() and moved is x
-    np.testing.assert_array_equal(gradient, -load.d)
+    np.testing.assert_array_equal(gradient, -(1.0 + uneven) * load.d)
     answer, found.still, found.scales.d = {"cone": 1.0}, False, 1.0
     load.weights = np.array([1.0, 5.0])
     tried.clear()

@@ -303,17 +303,21 @@ def test_loads_that_stay_leave_the_state_as_it_is(built, steps_of, named_scene):
         assert max(step.residuals.values()) <= 1e-6
 
 
-@pytest.mark.parametrize("enough", [True, False])
-def test_a_state_that_is_kept_slides_nowhere(enough):
-    """Whatever products round off on the rows that could; not kept if its residuals are large."""
+@pytest.mark.parametrize("enough, uneven", [(True, False), (False, False), (True, True)])
+def test_a_state_that_is_kept_slides_nowhere(enough, uneven):
+    """Whatever products round off on the rows that could; not kept if its residuals are large.
+
+    Those of refined displacements where stiffness jumps by much, as those that are reported are.
+    """
     def of(load, x, gradient):
         np.testing.assert_array_equal(gradient, [1e-9, 0.0])
         return {}
 
     march = SimpleNamespace(rows=SimpleNamespace(tangential=np.array([1])),
-                            operator=SimpleNamespace(uneven=False),
+                            operator=SimpleNamespace(
+                                uneven=uneven, gradient=lambda x, load: np.array([1e-9, 1e-7])),
                             residuals=SimpleNamespace(of=of, enough=lambda found: enough))
-    kept = QuasistaticSolver._kept(march, None, np.ones(2), np.array([1e-9, 1e-8]))
+    kept = QuasistaticSolver._kept(march, None, np.ones(2), np.array([1e-3 * uneven or 1e-9, 1e-8]))
     assert (kept is not None) is enough
     if enough:
         x, gradient, moved, _ = kept
