@@ -112,8 +112,8 @@ def test_nodes_that_stick_do_not_slip_about_refined_displacements(solved, named_
     assert np.abs(of["slip"][1:][sticks[1:]]).max() <= 1e-7 * np.abs(of["u_t"]).max()
 
 
+@pytest.mark.slow  # half a minute; its pieces are tested below
 @pytest.mark.parametrize("cut", ["23", "5", "1"])
-@pytest.mark.some(1)
 def test_a_stiff_body_on_springs_that_are_hardly_any(built, steps_of, named_scene, cut):
     """All cuts had ended without a solution: corrections of refined displacements leave 1/65 of
     their error each there, and nodes of a body that moves as a whole slid inside their bounds.
