@@ -19,6 +19,9 @@ from .step import Load, Trace, Unfinished
 LAST_PART = 1e-6  # of tolerances, below which tightening must at least halve the residuals
 LAST_FRICTION = 1e-4  # likewise, of that of the fixed point
 ROUNDED = 1e-14  # part of forces by which they change or stay unbalanced without end
+# part of the residuals asked for to which QPs go on where stiffness jumps by much: what stiff material
+# deforms by counts with triangles that are partly soft, and its forces with few digits then
+FINER = 0.01
 NEARLY = 1e-3  # imbalance of bodies without support up to which exacter QPs may settle them
 
 
@@ -41,8 +44,9 @@ class Tightening:
         self.of_friction = self.of_qp
         self.motion, self.first = load.weights[self.operator.structure.patterns :].copy(), None
         self.best, self.answer = np.inf, None  # the worst residual over what was asked for, so far
-        # place and answer that what products round off admits, its scales, whether it is refined
-        self.rounded = None
+        # answers that will do, as `_kept`: one that a finer one is looked for beyond, and one that
+        # what products round off admits
+        self.enough = self.rounded = None
         # what ended the search for a fixed point, if products hide loads by rounding there; what
         # ended it before the condensed problem was tried
         self.stop, self.hidden, self.why = None, False, None
@@ -82,8 +86,10 @@ class Tightening:
         x, self.stop = failed.x, None
         state = x, failed.gradient, self.rows.sliding(x, self.rows.friction_bound(x))
         self.answer = self._without_forces(x)
+        if self.answer is None and self.enough is not None:
+            self.answer = self._back_to(self.enough)
         if self.answer is None and self.rounded is not None and self._eliminates:
-            self.answer = self._back_to_rounded()
+            self.answer = self._back_to(self.rounded)
         if self.answer is not None:
             return state
         imbalance = self.bodies.imbalance(self.load, x)
@@ -121,16 +127,19 @@ class Tightening:
         self.answer = residuals.free_of_forces(load, x) if residuals.faded(x) else None
         excess = {name: value / residuals.asked(name) for name, value in found.items()}
         worst, name = max((value, name) for name, value in excess.items())
+        idle = worst > 0.5 * self.best
         if self.answer is None and worst <= 1:
-            self.answer = x, gradient, moved, found
+            self.enough = self._kept(x, gradient, moved, found)
+            if self._eliminates or idle or worst <= FINER or not self.operator.uneven:
+                self.answer = x, gradient, moved, found
+        elif self.answer is None and self.enough is not None:
+            self.answer = self._back_to(self.enough)
         if self.answer is not None:
             return x, gradient, sliding
-        idle = worst > 0.5 * self.best
         if self.operator.levels > 1 and worst < self.best:
             likely = residuals.of(load, x, gradient)
             if residuals.enough(likely):
-                self.rounded = (self.fixed_point.place(load), (x, gradient, moved, likely),
-                                vars(self.march.scales).copy(), self.trace.refined)
+                self.rounded = self._kept(x, gradient, moved, likely)
         self.best = min(self.best, worst)
         stays = NotConverged(
             f"{step_name(self.index)}: the {name} residual stays at {found[name]:.1e}, above the "
@@ -141,7 +150,7 @@ class Tightening:
             state = self._otherwise(x, gradient, sliding, stays)
             if state is not None:
                 return state
-        self._tighten(excess, worst, idle)
+        self._tighten(excess, worst if worst > 1 else worst / FINER, idle)
         return x, gradient, sliding
 
     def _to_all_digits(self, x: np.ndarray) -> np.ndarray:
@@ -173,7 +182,7 @@ class Tightening:
             self._eliminate(stop)
             return x, gradient, sliding
         if self.rounded is not None:
-            self.answer = self._back_to_rounded()
+            self.answer = self._back_to(self.rounded)
             return x, gradient, sliding
         if isinstance(stop, NoSolution):
             raise Unfinished(stop, x, gradient)
@@ -185,10 +194,14 @@ class Tightening:
         self._eliminate(None)
         return x, gradient, sliding
 
-    def _back_to_rounded(self) -> tuple:
-        """The answer that rounding of products admits; corners are decided by its scales, too.
-        """
-        place, answer, scales, self.trace.refined = self.rounded
+    def _kept(self, *answer) -> tuple:
+        """The `answer` with its place, scales and whether it is refined, to come back to."""
+        return (self.fixed_point.place(self.load), answer, vars(self.march.scales).copy(),
+                self.trace.refined)
+
+    def _back_to(self, kept: tuple) -> tuple:
+        """An answer `_kept` before; corners are decided by its scales, too."""
+        place, answer, scales, self.trace.refined = kept
         vars(self.march.scales).update(scales)
         return self.fixed_point.back(self.load, place, answer)
 
