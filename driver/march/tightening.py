@@ -19,8 +19,8 @@ from .step import Load, Trace, Unfinished
 LAST_PART = 1e-6  # of tolerances, below which tightening must at least halve the residuals
 LAST_FRICTION = 1e-4  # likewise, of that of the fixed point
 ROUNDED = 1e-14  # part of forces by which they change or stay unbalanced without end
-# part of the residuals asked for to which QPs go on where stiffness jumps by much: what stiff material
-# deforms by counts with triangles that are partly soft, and its forces with few digits then
+# part of the residuals asked for to which QPs go on where stiffness jumps by much: what stiff
+# material deforms by counts with triangles that are partly soft, its forces with few digits then
 FINER = 0.01
 NEARLY = 1e-3  # imbalance of bodies without support up to which exacter QPs may settle them
 
@@ -129,9 +129,11 @@ class Tightening:
         worst, name = max((value, name) for name, value in excess.items())
         idle = worst > 0.5 * self.best
         if self.answer is None and worst <= 1:
-            self.enough = self._kept(x, gradient, moved, found)
-            if self._eliminates or idle or worst <= FINER or not self.operator.uneven:
-                self.answer = x, gradient, moved, found
+            if self._may_be_finer(worst, idle):
+                self.enough, self.best = self._kept(x, gradient, moved, found), worst
+                self._tighten(excess, worst / FINER, idle)
+                return x, gradient, sliding
+            self.answer = x, gradient, moved, found
         elif self.answer is None and self.enough is not None:
             self.answer = self._back_to(self.enough)
         if self.answer is not None:
@@ -150,8 +152,13 @@ class Tightening:
             state = self._otherwise(x, gradient, sliding, stays)
             if state is not None:
                 return state
-        self._tighten(excess, worst if worst > 1 else worst / FINER, idle)
+        self._tighten(excess, worst, idle)
         return x, gradient, sliding
+
+    def _may_be_finer(self, worst: float, idle: bool) -> bool:
+        """Whether QPs go on from an answer that will do."""
+        ended = idle or self.stop or self._eliminates
+        return self.operator.uneven and worst > FINER and not ended
 
     def _to_all_digits(self, x: np.ndarray) -> np.ndarray:
         """Gradient at x by refined displacements, which the QPs that follow see near x, too.

@@ -164,8 +164,8 @@ def test_displacements_keep_digits_that_their_sum_would_lose(weak):
 
 
 def test_residuals_lose_nothing_beside_loads_of_heat(weak):
-    """Of stiff material they are far larger than contact forces, and cancel at once: a thousandth of
-    their last bit is kept, by rational numbers.
+    """Of stiff material they are far larger than contact forces, and cancel at once: a thousandth
+    of their last bit is kept, by rational numbers.
     """
     problem, x = weak("1")
     operator, weights = problem.operator, np.array([0.0, 0.0, 1.0])  # heat alone
