@@ -157,7 +157,7 @@ class Tightening:
 
     def _may_be_finer(self, worst: float, idle: bool) -> bool:
         """Whether QPs go on from an answer that will do."""
-        ended = idle or self.stop or self._eliminates
+        ended = idle or self.stop is not None or self._eliminates
         return self.operator.uneven and worst > FINER and not ended
 
     def _to_all_digits(self, x: np.ndarray) -> np.ndarray:
