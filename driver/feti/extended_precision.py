@@ -15,6 +15,7 @@ that all forces see alike.
 
 import numpy as np
 from mpi4py import MPI
+from scipy.sparse import csr_matrix
 
 from .gathering import gather
 
@@ -32,7 +33,6 @@ class Refinement:
         """`classes`, `coarse` and `recovery` of the operator, see operator.py."""
         self.structure, self.classes = structure, classes
         self.coarse, self.recovery = coarse, recovery
-        self._stiffness = [_split(c.K.astype(LONG)) for c in classes]
         self.passes = 0  # corrections of the latest fields
         self._reactions = _Reactions(structure, coarse) if structure.rigid_modes else None
 
@@ -86,8 +86,8 @@ class Refinement:
               fields: list[np.ndarray]) -> list[np.ndarray]:
         """`forces` + `small` - K u (dofs,) of every subdomain, zero where u is prescribed."""
         left = [np.empty(0)] * len(fields)
-        for c, K in zip(self.classes, self._stiffness):
-            inner, rest = _product(K, np.column_stack([fields[s] for s in c.members]))
+        for c in self.classes:
+            inner, rest = _product(c.K, np.column_stack([fields[s] for s in c.members]))
             for k, s in enumerate(c.members):
                 left[s] = (forces[s] - inner[:, k]) + (small[s] - rest[:, k])
                 left[s][self.structure.fixed[s]] = 0.0
@@ -154,33 +154,28 @@ class _Reactions:
         """Take the reactions to the forces `left` (dofs,) on the subdomains from them; collective.
         """
         work = [R @ force for R, force in zip(self._motions, left)]
-        work = gather(self.comm, np.array(work).reshape(len(left), -1)).sum(axis=0)
+        work = np.array(work, LONG).reshape(len(left), self._corners.shape[1])
+        work = gather(self.comm, work).sum(axis=0)
         reaction = self._corners @ work
         for c in classes:
             for s, of_corner in zip(c.members, reaction[c.corners].reshape(len(c.members), -1)):
                 left[s][c.corner] -= of_corner
 
 
-def _split(K) -> tuple:
-    """K as its leading `HALF` digits, beside its largest entry, and the rest; scipy CSR both."""
-    leading, rest = K.copy(), K.copy()
-    leading.data = _rounded(K.data[:, None])[:, 0]
-    rest.data = K.data - leading.data
-    return leading, rest
-
-
 def _rounded(values: np.ndarray) -> np.ndarray:
-    """`values` (n, k) to `HALF` digits beside the largest of their column."""
-    unit = LONG(2.0) ** (np.frexp(np.abs(values).max(axis=0, initial=0))[1] - HALF)
+    """`values` (n, k) to `HALF` digits beside the largest of their column, of the same type."""
+    unit = 2.0 ** (np.frexp(np.abs(values).max(axis=0, initial=0))[1] - HALF).astype(values.dtype)
     return np.rint(values / unit) * unit
 
 
-def _product(K: tuple, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """K u of a matrix in two parts and u (dofs, k), as a sum: `HALF` digits more than LONG has.
+def _product(K, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """K u of a scipy CSR matrix and u (dofs, k), as a sum: `HALF` digits more than LONG has.
 
     What motions without stress leave of large terms has no rounding: products of leading digits add
-    up exactly (K. Ozaki, T. Ogita, S. Oishi, S. Rump, Numer. Algor. 59 (2012) 95-118).
+    up exactly (K. Ozaki, T. Ogita, S. Oishi, S. Rump, Numer. Algor. 59 (2012) 95-118). K is split
+    anew each time: kept in extended precision it would be as much again as factors are.
     """
-    leading, rest = K
+    leading = csr_matrix((_rounded(K.data[:, None])[:, 0], K.indices, K.indptr), K.shape)
+    rest = csr_matrix((K.data - leading.data, K.indices, K.indptr), K.shape)
     large = _rounded(u)
     return leading @ large, leading @ (u - large) + rest @ u

@@ -189,9 +189,9 @@ def test_what_refinement_leaves_moves_nodes_by_rounding_alone(weak, cut):
     free along its floor, are borne where it is held in place.
     """
     problem, x = weak(cut)
-    refinement = problem.operator._refined()
-    rows = problem.operator._signed_rows(x)
-    u = refinement.fields(rows, np.ones(problem.structure.patterns))
+    rows, u = problem.operator._signed_rows(x), problem.operator._refined(
+        x, np.ones(problem.structure.patterns))
+    refinement = problem.operator._refinement
     forces = refinement._forces(rows, np.ones(problem.structure.patterns))
     more = refinement._changes(refinement._less(*forces, u), len(rows))
     moved, size = (max(np.abs(of).max() for of in fields) for fields in (more, u))
@@ -217,8 +217,9 @@ def test_residuals_lose_nothing_beside_loads_of_heat(weak):
     """
     problem, x = weak("1")
     operator, weights = problem.operator, np.array([0.0, 0.0, 1.0])  # heat alone
-    refinement, rows = operator._refined(), operator._signed_rows(1e-6 * x)
-    u, (loads, pushed) = refinement.fields(rows, weights), refinement._forces(rows, weights)
+    u, rows = operator._refined(1e-6 * x, weights), operator._signed_rows(1e-6 * x)
+    refinement = operator._refinement
+    loads, pushed = refinement._forces(rows, weights)
     (left,), K = refinement._less(loads, pushed, u), refinement.classes[0].K.tocsr()
 
     def rational(value) -> Fraction:
