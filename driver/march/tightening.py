@@ -6,6 +6,10 @@ until the residuals of the solution itself are below `primal_rtol` and the imbal
 below `friction_rtol`. Where that leads no further the condensed problem is tried: elimination keeps
 digits that products lose where stiffness jumps or friction jams. Last comes the best state that
 will do if as much is rounding as products show.
+
+Where stiffness jumps by much, states are judged by refined displacements, the QPs that follow are
+of what these say (a defect correction: products with F stand for the exact ones near the latest
+multipliers), and an answer that will do is followed by a finer one.
 """
 
 import numpy as np
