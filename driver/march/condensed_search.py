@@ -71,6 +71,7 @@ class CondensedSearch:
         self.qp, self.bodies, self.slip, self.condensation = qp, bodies, slip, condensation
         self.operator, self.rows = qp.operator, qp.rows
         self.stiff = self.operator.jumps and not self.operator.contact_rows_only
+        self._in_vain = None  # Load of the step that was searched for
 
     def solution(self, index: int, load: Load, x: np.ndarray, trace: Trace, rtol: float):
         """Multipliers near x that solve the step, their gradient and the rows that slide.
@@ -257,11 +258,15 @@ class CondensedSearch:
 
         Bodies that ran away have slipped so far that friction by a law of slip holds them no more:
         where nothing solves the problem, friction is that of nodes that do not slide. Searches,
-        which take long, come after both.
+        which take long, come after both, and once a step: they hardly depend on where it starts.
         """
         changes, solver = self.slip.effects.coefficient_changes, ""
         own, still = self.rows.coefficient, np.zeros_like(gradient)
         for solve in (globalization.followed, globalization.searched):
+            if solve is globalization.searched:
+                if self._in_vain is load:
+                    break
+                self._in_vain = load
             for slides in (True, False)[: 1 + changes]:
                 self.rows.coefficient = own
                 if not slides:

@@ -316,6 +316,23 @@ def test_searches_come_after_the_friction_of_nodes_that_do_not_slide(monkeypatch
     assert met == tried and solver == tried[-1][0] and not change.any()
 
 
+def test_a_step_is_searched_for_once(monkeypatch):
+    """Passes with other friction coefficients had searched again, a minute each: 300 seconds of two
+    blocks in a corner with coefficients that displacements change had not been enough.
+    """
+    of, met = slipping(1), []
+    of.slip.effects.coefficient_changes = True
+    for name in ("followed", "searched"):
+        monkeypatch.setattr(globalization, name,
+                            lambda *_, name=name: met.append(name) or (None, ""))
+    search = of.fixed.search
+    for _ in range(2):
+        assert search._solved_for(of.load, np.zeros(3 * N), -of.load.d) == (None, "")
+    assert met == ["followed"] * 2 + ["searched"] * 2 + ["followed"] * 2
+    search._solved_for(load_of(of), np.zeros(3 * N), -of.load.d)  # the next step
+    assert met[-2:] == ["searched"] * 2
+
+
 @pytest.mark.parametrize("levels, expected", [(2, 7.0 + 0.5 * 3.0), (1, 7.0)])
 def test_bodies_move_by_what_springs_would_where_gradients_leave_springs_out(levels, expected):
     """A condensed problem has bodies on springs: forces of work -3 on a motion change by as much
