@@ -48,16 +48,17 @@ class Refinement:
         try:
             fields = [u.astype(LONG) for u in self.recovery.displacements(rows, whole, None)]
             rest = [np.zeros_like(u) for u in fields]  # of later passes: the sum has fewer digits
-            missing, small = self._less(loads, pushed, fields), [np.zeros_like(u) for u in fields]
-            last, now = np.inf, self._largest(fields)
+            left, last, now = self._less(loads, pushed, fields), np.inf, self._largest(fields)
             while self.passes < PASSES and now <= HEADWAY * last:
-                change = self._changes(self._less(missing, small, rest), len(rows))
+                change = self._changes(left, len(rows))
                 last, now = now, self._largest(change)
                 if not self.passes:
                     fields = list(map(sum, zip(fields, change)))
                     missing = self._less(loads, pushed, fields)
+                    left, small = [f.copy() for f in missing], [np.zeros_like(f) for f in missing]
                 else:
                     rest = list(map(sum, zip(rest, change)))
+                    left = self._less(missing, small, rest)
                 self.passes += 1
         finally:
             self.coarse.rho = springs
