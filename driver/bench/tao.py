@@ -33,12 +33,12 @@ def problem_of(bench: Workbench, subdomains: str):
 
 def ours(operator, d, bounds, solver) -> int:
     """Products of MPRGP from zero, the estimate of the norm included."""
-    before, tol = operator.products, RTOL * np.linalg.norm(d)
+    before, tol, made = operator.products, RTOL * np.linalg.norm(d), solver.qp.accelerators
     bound, _ = norm_bound(operator.apply, operator.owned, dot=operator.dot)
     result = mprgp(operator.apply, d, *bounds, np.clip(np.zeros_like(d), *bounds), tol=tol,
-                   norm_bound=bound, preconditioner=solver.qp.preconditioner, dot=operator.dot,
-                   expansion="cg", relax=functools.partial(solver.qp.relaxation.relaxed,
-                                                           limits=bounds, tol=0.5 * tol))
+                   norm_bound=bound, preconditioner=made.preconditioner, dot=operator.dot,
+                   expansion="cg", relax=functools.partial(made.relaxation.relaxed, limits=bounds,
+                                                           tol=0.5 * tol))
     if result.status != "converged":
         raise RuntimeError(f"MPRGP ended with {result.status}")
     return operator.products - before

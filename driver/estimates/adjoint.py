@@ -260,8 +260,8 @@ class Adjoint:
         coupling, gradient = 0.0, -right
         for _ in range(ROUNDS):
             x = mprgp(self.operator.apply, right - coupling, self.lower, self.upper, x,
-                      tol=tolerance, norm_bound=qp.bound, preconditioner=qp.preconditioner,
-                      max_products=PRODUCTS, gradient0=gradient, dot=self.operator.dot,
+                      tol=tolerance, norm_bound=qp.bound, max_products=PRODUCTS,
+                      preconditioner=qp.accelerators.preconditioner, gradient0=gradient, dot=self.operator.dot,
                       minimum=self.operator.minimum, scale=qp.scale).x
             if not self._coupled:
                 break

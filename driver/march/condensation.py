@@ -22,12 +22,14 @@ class Condensation:
 
     Without those that the states of corners exclude: `nodes` (n,) have a normal row. Where a corner
     is open on both sides and rubs, its normal rows stay, alone and open: `apart` are their places.
-    `guess` is a dual vector near the solution of the first step. Collective.
+    `guess` is a dual vector near the solution of the first step, `eliminated` whether steps have
+    begun to go by the `elimination`. Collective.
     """
 
     operator: DualProblem
     rows: ContactRows
     guess: np.ndarray | None = None
+    eliminated: bool = False
 
     def __post_init__(self):
         self._compliance = None
@@ -107,6 +109,22 @@ class Condensation:
         x = x + self.elimination.change(gather(op.comm, gradient))[first:last]
         return x, op.apply(x) - d
 
+    def correction(self, x: np.ndarray, gradient: np.ndarray) -> np.ndarray | None:
+        """Change (owned,) of contact forces by a step of Newton's method from x and its gradient.
+
+        None if its system is singular. Where there is an `elimination`; its last one is at hand
+        where x is a solution. Collective; raises NotConverged.
+        """
+        op, (first, last) = self.operator, self.operator.structure.row_range
+        compliance = self.compliance()
+        glued = self.elimination.change(gather(op.comm, gradient))[first:last]
+        forces, movement = self.gather(x), -self.gather(gradient + op.apply(glued))
+        problem = self._under(None, compliance @ forces + movement)
+        z = problem.whole(forces)
+        states, signs = problem.states(z, movement), problem.signs(z)
+        change = problem.correction_in(states, signs, z, movement)
+        return None if change is None else self.place(change[0], np.zeros(op.owned))
+
     @functools.cached_property
     def _responses(self) -> np.ndarray:
         """(n + m, patterns) movements of the glued bodies by unit loads, without contact forces."""
@@ -173,8 +191,11 @@ class Condensation:
         weights = load.weights[: self.operator.structure.patterns]
         return self._under(load, self.gather(load.rest) + self._responses @ weights)
 
-    def _under(self, load: Load, d: np.ndarray) -> CoulombProblem:
-        """The condensed problem under the movements d (n + m,) that contact forces have to undo."""
+    def _under(self, load: Load | None, d: np.ndarray) -> CoulombProblem:
+        """The condensed problem under the movements d (n + m,) that contact forces have to undo.
+
+        The `load` is asked what acts on free bodies, if there are any.
+        """
         op, balance, rows = self.operator, None, self.rows
         if self._law is None or op.softness is not None:
             motions = np.column_stack([self.gather(d) for d in op.motions]) if op.modes else None

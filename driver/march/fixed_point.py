@@ -119,8 +119,9 @@ class FixedPoint:
 
     def _start(self, load: Load, x, gradient, sliding):
         """Start of the next QP, x at the friction bound of its pressures, and its gradient."""
-        start, relaxation, before = self.rows.follow(x, sliding), self.qp.relaxation, load.d.copy()
+        start, before = self.rows.follow(x, sliding), load.d.copy()
         if self.settings.corrector == "contact":
+            relaxation = self.qp.accelerators.relaxation
             if relaxation is not None:
                 start = self._correct(load, start, relaxation.moved(start, x, gradient))
             elif self.condensation.whole and not self.rows.bound_is_given:
@@ -139,6 +140,7 @@ class FixedPoint:
         rows. Where they do not settle: the best of them.
         """
         rows, qp, aim, patterns = self.rows, self.qp, None, self.operator.structure.patterns
+        relaxation = qp.accelerators.relaxation
         for _ in range(CORRECTIONS):
             limits, bound = rows.limits(self.operator.owned, x), rows.friction_bound(x)
             residual = projected_gradient(x, gradient, *limits)
@@ -162,9 +164,9 @@ class FixedPoint:
                     return placed[0]
                 placed = x, load.weights[patterns:].copy()
                 gradient, least = gradient - self.bodies.follow(load, x), np.inf
-            solved, gradient = qp.relaxation(x, gradient, limits, 0.5 * aim)
+            solved, gradient = relaxation(x, gradient, limits, 0.5 * aim)
             x = rows.follow(solved, rows.sliding(solved, bound))
-            gradient = qp.relaxation.moved(x, solved, gradient)
+            gradient = relaxation.moved(x, solved, gradient)
         return best
 
     def _approximate(self, index, trace, d, x, bound, reduction, coupled=True, gradient=None):

@@ -121,8 +121,6 @@ class FollowingSolver(QuasistaticSolver):
 
     def _take(self, contact, index: int, kept: dict) -> None:
         """Take the rows of `contact` for step `index`; all that is carried is as it was `kept`."""
-        if self.qp.relaxation is not None:
-            self.history.counts["contact_block_products"] += self.qp.relaxation.products
         clock = time.perf_counter()
         known = self.operator.structure.contact
         if contact.has_rows_of(known) and contact.has_rows_of(self._attached):

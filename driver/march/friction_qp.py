@@ -8,14 +8,12 @@ from mpi4py import MPI
 from ..contact.kkt import Scales
 from ..contact.rows import ContactRows
 from ..errors import NoSolution, NotConverged
-from ..feti.contact_block import ContactBlock
-from ..feti.deflation import DeflatedPreconditioner, Deflation
 from ..feti.dual_problem import DualProblem
 from ..options import Settings
 from ..qp.lanczos import norm_bound
 from ..qp.mprgp import Result, mprgp, projected_gradient
 from ..text import step_name
-from .relaxation import ContactRelaxation
+from .accelerators import Accelerators
 from .step import History, Unfinished
 
 ROUNDED = 1e-9  # part of travel below which displacements are its rounding
@@ -41,8 +39,6 @@ class FrictionQP:
         self.scale = structure.row_scale
         self.softest = self._softest()
         self.bound = self._bound_norm() if bound is None else bound
-        self.local = self.deflation = None  # parts of the preconditioner, or of the relaxation
-        self.preconditioner, self.relaxation = self._accelerators()
         self.tol, self._rigid_bound = 0.0, self.bound
 
     def soften(self, softness: np.ndarray) -> None:
@@ -51,12 +47,8 @@ class FrictionQP:
         op.softness = softness
         largest = -op.minimum(-float((self.scale**2 * softness).max(initial=0.0)))
         self.bound = self._rigid_bound + largest
-        if self.local is not None:
-            self.local.soften(softness)
-        if self.deflation is not None:
-            self.deflation.soften(softness)
-        if self.relaxation is not None:
-            self.relaxation.norm_bound = self.bound
+        if "accelerators" in vars(self):  # else they take it up when they are made
+            self.accelerators.soften(softness, self.bound)
 
     def _softest(self) -> float:
         """The smallest scale of all rows; collective."""
@@ -74,25 +66,11 @@ class FrictionQP:
         return norm_bound(lambda y: self.scale * op.apply(self.scale * y), op.owned, dot=op.dot,
                           start=start[slice(*structure.row_range)])[0]
 
-    def _accelerators(self):
-        """Preconditioner and relaxation of the contact multipliers, each None if not asked for.
-
-        Without gluing too, where the contact block is the whole operator: what a body may do nearly
-        as a rigid one, beyond a thin neck or on its clamped end, only deflation knows.
-        """
-        settings, op = self.settings, self.operator
-        relaxed = "contact" in (settings.expansion, settings.corrector)
-        wanted = relaxed or settings.preconditioner == "deflated"
-        # the inverse on a face is at hand where the problem is condensed
-        coupled = wanted and len(op.structure.at_contact.row) and not op.contact_rows_only
-        local = op.preconditioner() if settings.preconditioner != "none" or coupled else None
-        chosen, self.local = local if settings.preconditioner != "none" else None, local
-        if not coupled:
-            return chosen, None
-        self.deflation = deflation = Deflation(ContactBlock(op, local), op.structure)
-        if settings.preconditioner == "deflated":
-            chosen = DeflatedPreconditioner(local, deflation)
-        return chosen, ContactRelaxation(op, deflation, self.bound, self.scale) if relaxed else None
+    @functools.cached_property
+    def accelerators(self) -> Accelerators:
+        """Made for the first QP that takes products: steps by the condensed problem take none."""
+        return Accelerators(self.operator, self.settings, self.bound, self.scale,
+                            self.history.counts)
 
     def size(self, displacements: np.ndarray) -> float:
         """Norm of displacements of the dual rows in the scale that MPRGP works in."""
@@ -182,8 +160,6 @@ class FrictionQP:
         residual = self.size(projected_gradient(x, gradient, *limits))
         tol = max(self.tol, reduction * residual)
         offset, relax = op.products, None
-        if self.relaxation is not None and settings.expansion == "contact":
-            relax = functools.partial(self.relaxation.relaxed, limits=limits, tol=0.5 * tol)
 
         def monitor(kind, products, residual):
             relative = residual / (self.scales.d or 1.0)
@@ -193,10 +169,13 @@ class FrictionQP:
             monitor("start", 0, residual)
             return Result(x, gradient, "converged", "projected gradient within tolerance", 0, 0, 0,
                           0, self.bound, residual)
+        made = self.accelerators
+        if made.relaxation is not None and settings.expansion == "contact":
+            relax = functools.partial(made.relaxation.relaxed, limits=limits, tol=0.5 * tol)
 
         def attempt(x, gradient, relax):
             ended = mprgp(op.apply, d, *limits, x, tol=tol, norm_bound=self.bound,
-                          preconditioner=self.preconditioner, max_products=settings.max_products,
+                          preconditioner=made.preconditioner, max_products=settings.max_products,
                           gradient0=gradient, dot=op.dot, dots=op.dots, minimum=op.minimum,
                           monitor=monitor, scale=self.scale, relax=relax,
                           expansion="gradient" if settings.expansion == "gradient" else "cg")

@@ -80,8 +80,8 @@ class QuasistaticSolver:
         self.slip = SlipState(operator, self.rows, self.effects, self.initial)
         self.qp = FrictionQP(operator, self.rows, self.settings, self.scales, self.history, bound)
         self.bodies = self._bodies()
-        self.residuals = Residuals(self.qp, self.bodies, self.slip)
         self.condensation = Condensation(operator, self.rows)
+        self.residuals = Residuals(self.qp, self.bodies, self.slip, self.condensation)
         self.fixed_point = FixedPoint(self.qp, self.bodies, self.slip, self.condensation)
         self.corners = self.fixed_point if self.rows.corners is None else (
             CornerStates(self.fixed_point, self.contact))
@@ -238,9 +238,6 @@ class QuasistaticSolver:
         counts["fixed_point_iterations"] += step.fixed_point_iterations
         setup = counts["dual_multiplications_setup"]
         counts["dual_multiplications"] = self.operator.products - setup
-        if self.qp.relaxation is not None:
-            counts["contact_block_products"] += self.qp.relaxation.products
-            self.qp.relaxation.products = 0
         for name, value in step.residuals.items():
             worst[name] = max(worst.get(name, 0.0), value)
         self.history.steps = step.index

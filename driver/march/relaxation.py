@@ -17,14 +17,17 @@ LIMIT = 1000  # products with F_cc
 
 
 class ContactRelaxation:
-    """Minimises over the contact multipliers; counts its `products` with F_cc. Collective."""
+    """Minimises over the contact multipliers. Collective."""
 
     def __init__(self, operator: DualProblem, deflation: Deflation, norm_bound: float,
-                 scale: np.ndarray):
-        """`scale` (owned,) of MPRGP and `norm_bound` of F in it, which bounds F_cc as well."""
+                 scale: np.ndarray, counts: dict[str, int]):
+        """`scale` (owned,) of MPRGP and `norm_bound` of F in it, which bounds F_cc as well.
+
+        Products with F_cc are counted in `counts`, as those of a History are.
+        """
         self.operator, self.deflation, self.norm_bound = operator, deflation, norm_bound
         self.scale, self.contact_scale = scale, deflation.block.gather(scale)
-        self.products = 0
+        self.counts = counts
 
     def __call__(self, y: np.ndarray, gradient: np.ndarray, limits,
                  tol: float) -> tuple[np.ndarray, np.ndarray]:
@@ -45,7 +48,7 @@ class ContactRelaxation:
                       tol=max(tol, REDUCTION * residual), norm_bound=self.norm_bound,
                       preconditioner=self.deflation.contact, max_products=LIMIT, gradient0=g,
                       expansion="cg", scale=self.contact_scale)
-        self.products += result.products
+        self.counts["contact_block_products"] += result.products
         return block.scatter(result.x, y), block.scatter(result.gradient, gradient)
 
     def relaxed(self, y: np.ndarray, gradient: np.ndarray, limits, tol: float) -> np.ndarray:

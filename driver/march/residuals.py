@@ -5,6 +5,7 @@ from mpi4py import MPI
 
 from ..contact.kkt import FADED, kkt_residuals
 from ..qp.mprgp import projected_gradient
+from .condensation import Condensation
 from .friction_qp import FrictionQP
 from .slip import SlipState
 from .step import Load
@@ -17,9 +18,9 @@ TRAVELLED = 1e-9  # part of what bodies move as a whole, likewise
 class Residuals:
     """Those of states of one problem. Collective over the operator's communicator."""
 
-    def __init__(self, qp: FrictionQP, bodies, slip: SlipState):
+    def __init__(self, qp: FrictionQP, bodies, slip: SlipState, condensation: Condensation):
         """`bodies`: FreeBodies of effects/free_bodies.py, or SupportedBodies."""
-        self.qp, self.bodies, self.slip = qp, bodies, slip
+        self.qp, self.bodies, self.slip, self.condensation = qp, bodies, slip, condensation
         self.operator, self.rows, self.scales = qp.operator, qp.rows, qp.scales
         contact = np.ones(self.operator.owned)
         contact[self.rows.gluing] = 0.0
@@ -129,10 +130,11 @@ class Residuals:
         return self.operator.comm.allreduce(missed, op=MPI.MAX)
 
     def _missing(self, x: np.ndarray, gradient: np.ndarray) -> float:
-        """Norm of the contact forces that the preconditioner finds missing, over that of all.
+        """Norm of the contact forces that are missing, over that of all.
 
-        The inverse of F, for which it stands, makes stiff parts of the body count by their
-        stiffness. Contact forces that are nothing beside the body's count by FADED times these: its
+        Where gluing rows have been eliminated those of a step of Newton's method, else those that
+        the preconditioner finds. The inverse of F, for which it stands, makes stiff parts of the
+        body count by their stiffness. Contact forces that are nothing beside the body's count by FADED times these: its
         multipliers, and the least forces that make the displacements to be overcome. In a state
         without any contact force what it leaves out is relative to those of the steps before: by
         as much as they were asked for their own are unknown, and with them the slip that a later
@@ -145,11 +147,16 @@ class Residuals:
         projected = projected_gradient(x, gradient, *limits)
         own = self._size(x)
         scales.renew(pressing=own, forces=np.sqrt(op.dot(x, x)))
-        if qp.preconditioner is None or scales.pressing == 0:
-            return qp.size(projected) / (scales.d or 1.0)
-        # with the rows that would leave their bounds
-        free = (x != limits[0]) & (x != limits[1]) | (projected != 0)
-        missing = qp.preconditioner(np.where(free, projected, 0.0), free)
+        missing = None
+        if scales.pressing > 0 and self.condensation.eliminated:
+            missing = self.condensation.correction(x, gradient)
+        if missing is None:
+            preconditioner = qp.accelerators.preconditioner if scales.pressing > 0 else None
+            if preconditioner is None:
+                return qp.size(projected) / (scales.d or 1.0)
+            # with the rows that would leave their bounds
+            free = (x != limits[0]) & (x != limits[1]) | (projected != 0)
+            missing = preconditioner(np.where(free, projected, 0.0), free)
         others = max(scales.forces, scales.largest.get("forces", 0.0), scales.d / qp.bound)
         whole = max(scales.pressing, FADED * others)
         if not own:

@@ -39,11 +39,10 @@ PASSES = 3  # of Newton's method: products show what rounding has left
 
 
 class Shortcut:
-    """Of one fixed point. `made`: gluing rows and corners have been eliminated. Collective."""
+    """Of one fixed point. Collective."""
 
     def __init__(self, qp: FrictionQP, slip: SlipState, condensation: Condensation):
         self.qp, self.rows, self.slip, self.condensation = qp, qp.rows, slip, condensation
-        self.made = False
 
     @property
     def possible(self) -> bool:
@@ -64,8 +63,8 @@ class Shortcut:
 
         Not where x (owned,) and its `gradient` are one: loads that only grow may have predicted it.
         """
-        known = self.made if trace.shortcut is None else trace.shortcut
-        first = trace.shortcut is None and not self.made and self._comes_first
+        known = self.condensation.eliminated if trace.shortcut is None else trace.shortcut
+        first = trace.shortcut is None and not known and self._comes_first
         if not (first or known and self.possible):
             return False
         residual = projected_gradient(x, gradient, *self.rows.limits(len(x), x))
@@ -110,7 +109,7 @@ class Shortcut:
         free = self.condensation.gather(stick).sum()
         elimination = self.condensation.elimination
         newton = elimination.products(FACTORIZATIONS * free**3 / 3)
-        return newton if self.made else elimination.price + newton
+        return newton if self.condensation.eliminated else elimination.price + newton
 
     def solution(self, index: int, load: Load, x: np.ndarray, trace: Trace) -> tuple | None:
         """Multipliers (owned,), gradient and rows that slide of the solution near x; None if none.
@@ -132,7 +131,7 @@ class Shortcut:
     def _found(self, load: Load, x: np.ndarray, trace: Trace) -> tuple | None:
         rows, qp, condensation = self.rows, self.qp, self.condensation
         problem = condensation.problem_by_loads(load)
-        self.made = True
+        condensation.eliminated = True
         for _ in range(PASSES):
             z = one_solution.only_solution(problem, problem.whole(condensation.gather(x)))
             if z is None:

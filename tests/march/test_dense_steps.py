@@ -80,7 +80,7 @@ def parts(seed=1, friction=0.3, offset=None, levels=1, **settings) -> SimpleName
     qp = object.__new__(FrictionQP)
     qp.operator, qp.rows, qp.scale = operator, rows, np.ones(operator.owned)
     qp.settings, qp.history, qp.scales = Settings(**settings), History(), Scales()
-    qp.preconditioner = qp.relaxation = None
+    qp.accelerators = SimpleNamespace(preconditioner=None, relaxation=None)
     qp.bound, qp.softest = 1.1 * np.linalg.norm(operator.F, 2), 1.0
     bodies = SupportedBodies()
     slip = SimpleNamespace(effects=SimpleNamespace(coefficient_changes=False),
@@ -229,7 +229,7 @@ def solver(find, residuals, **more) -> QuasistaticSolver:
     s.bodies, s.slip, s.scales = of.bodies, of.slip, of.qp.scales
     s.corners, s.fixed_point = SimpleNamespace(find=find, condensed="condensed"), of.fixed
     s.loads, s.largest_friction = [1.0, 1.0], 0.3
-    s.residuals = Residuals(of.qp, of.bodies, of.slip)
+    s.residuals = Residuals(of.qp, of.bodies, of.slip, of.condensation)
     s.residuals.of = lambda *given, **kinds: {"gluing": 0.0, "penetration": 0.0} | next(said)
     s.residuals.faded = lambda x: False
     vars(s).update(more)
@@ -500,7 +500,7 @@ def residuals(levels=1, **more) -> Residuals:
     of = parts(1, **TIGHT)
     of.operator.levels = levels
     of.qp.softest, of.qp.scales = 2.0, Scales(displacements=np.zeros(levels))
-    found = Residuals(of.qp, of.bodies, of.slip)
+    found = Residuals(of.qp, of.bodies, of.slip, of.condensation)
     vars(found).update(more)
     return found
 
@@ -574,7 +574,7 @@ def test_missing_forces_are_not_excused_by_rounding(exact):
     found.operator.row_level = np.array([1] + 8 * [0])
     found.operator.deformation_by_level = lambda *_: np.full(2, 1e6)
     found.operator.apply = lambda x: x + np.r_[5e-10, np.zeros(8)] * (x[0] == 1)
-    found.qp.preconditioner = lambda missed, free: stiffness * missed
+    found.qp.accelerators.preconditioner = lambda missed, free: stiffness * missed
     x, gradient = np.r_[1.0, np.zeros(8)], np.r_[-1e-9, np.zeros(8)]
     said = found.of(Load(np.ones(1), np.zeros(9), 1.0), x, gradient, exact)
     assert said["stationarity"] == pytest.approx(1e-3)
@@ -588,7 +588,7 @@ def test_what_is_left_out_without_forces_counts_beside_those_before(pressing, re
     """
     found = residuals()
     found.scales.largest = {"pressing": 2.0}
-    found.qp.preconditioner = lambda missed, free: missed
+    found.qp.accelerators.preconditioner = lambda missed, free: missed
     x, gradient = np.r_[0.0, pressing, np.zeros(7)], np.r_[-3e-9, np.zeros(8)]
     found.operator.deformation_by_level = found.operator.least_deformation = lambda *_: np.ones(1)
     said = found.of(Load(np.ones(1), np.zeros(9), 1.0), x, gradient)

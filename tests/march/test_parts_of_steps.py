@@ -1,5 +1,6 @@
 """Parts of a time step by themselves, on rows and a dual matrix made by hand."""
 
+from collections import Counter
 from types import SimpleNamespace
 
 import constants
@@ -181,14 +182,14 @@ def test_the_contact_problem_for_given_gluing_forces():
                             gathered=lambda *xs: np.array([x[near] for x in xs]),
                             apply=lambda x: F[:6, :6] @ x)
     deflation = SimpleNamespace(block=block, contact=None)
-    relaxation = ContactRelaxation(SimpleNamespace(dot=np.dot), deflation,
-                                   2 * np.linalg.norm(scale[:, None] * F * scale, 2), scale)
+    counts, bound = Counter(), 2 * np.linalg.norm(scale[:, None] * F * scale, 2)
+    relaxation = ContactRelaxation(SimpleNamespace(dot=np.dot), deflation, bound, scale, counts)
     y = np.random.default_rng(5).standard_normal(9)
     gradient = F @ y - d
     x, g = relaxation(y, gradient, (lower, upper), 1e-12)
     np.testing.assert_array_equal(x[6:], y[6:])
     np.testing.assert_allclose(g[:6], (F @ x - d)[:6], atol=1e-10)
-    assert (x >= lower).all() and (x <= upper).all() and relaxation.products > 0
+    assert (x >= lower).all() and (x <= upper).all() and counts["contact_block_products"] > 0
     left = projected_gradient(x, F @ x - d, lower, upper)[:6]
     start = np.r_[np.clip(y, lower, upper)[:6], y[6:]]
     whole = np.r_[projected_gradient(start, F @ start - d, lower, upper)[:6], gradient[6:]]

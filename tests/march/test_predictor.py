@@ -36,4 +36,4 @@ def test_contact_is_relaxed_where_it_is_asked_for(built, subdomains, preconditio
         problem.operator, Effects(problem.manifest), problem.manifest.factors,
         np.linspace(0, 1, 3), Settings(preconditioner=preconditioner, corrector=corrector,
                                        expansion="contact" if relaxed else "gradient"))
-    assert (solver.qp.relaxation is not None) == relaxed
+    assert (solver.qp.accelerators.relaxation is not None) == relaxed

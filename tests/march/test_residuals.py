@@ -477,13 +477,15 @@ def test_missing_forces_are_sought_on_rows_inside_their_bounds():
     found.rows = SimpleNamespace(limits=lambda owned, _: limits)
     found.contact = np.array([1.0, 1, 1, 1, 0])  # the last row glues
     found.scales = Scales(d=1.0)
-    found.qp = SimpleNamespace(preconditioner=preconditioner, size=np.linalg.norm, bound=1e9)
+    found.qp = SimpleNamespace(size=np.linalg.norm, bound=1e9,
+                               accelerators=SimpleNamespace(preconditioner=preconditioner))
+    found.condensation = SimpleNamespace(eliminated=False)
     missing = found._missing(x, gradient)
     (residual, face), = asked
     assert face.tolist() == [False, False, True, True, True]
     np.testing.assert_array_equal(residual, [0, 0, -0.25, 0.125, 0])
     assert missing == pytest.approx(2 * np.hypot(0.25, 0.125) / np.linalg.norm(x[:4]))
-    found.qp.preconditioner = None  # then over what the QP's tolerance is relative to
+    found.qp.accelerators.preconditioner = None  # then over what the QP's tolerance is relative to
     assert found._missing(x, gradient) == pytest.approx(np.hypot(0.25, 0.125))
 
 

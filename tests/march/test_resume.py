@@ -58,7 +58,7 @@ def test_what_is_restored_is_what_was_kept(built, steps_of):
     """
     problem = built(loading="nonmonotone", cells=2, steps=3)
     kept, _ = steps_of(problem)
-    kept.doubtful = kept.fixed_point.shortcut.made = True
+    kept.doubtful = kept.condensation.eliminated = True
     kept.initial[:], kept.initial_weights[:] = 0.5, 0.25
     state = copy.deepcopy(snapshot(kept))
     assert state["doubtful"] and state["eliminated"] and state["history"]["steps"] == 3

@@ -60,8 +60,8 @@ def test_approximations_go_on_where_newton_does_not_settle(built, steps_of, monk
     monkeypatch.setattr(shortcut, "LEAST", np.inf)
     _, (plain, *_) = steps_of(problem)
     assert np.array_equal(failed.multipliers, plain.multipliers)
-    # what gluing multipliers leave of every load
-    assert failed.products == plain.products + problem.structure.patterns
+    # what gluing multipliers leave of every load, and of the end of the step
+    assert failed.products == plain.products + problem.structure.patterns + 1
 
 
 DRAGGED_PROBLEM = {"h": 0.8, "element": "P2", "subdomains": 4, "steps": 1}
@@ -102,7 +102,7 @@ def test_it_pays_where_more_products_are_to_come_than_its_price(decided):
 def test_it_comes_first_where_many_rows_are_cheap_to_eliminate(decided, monkeypatch):
     """By sizes alone: rows, the price of the elimination, that of factors of all contact rows."""
     way, x = decided.way, np.zeros(decided.way.qp.operator.owned)
-    monkeypatch.setattr(way, "made", False)
+    monkeypatch.setattr(way.condensation, "eliminated", False)
     fronts, rows = way.condensation.elimination, way.condensation.operator.structure.dual_dofs
     moved = np.ones_like(x)
 
@@ -168,23 +168,23 @@ def test_the_price_counts_free_rows(built, steps_of):
         np.abs(x[rows.tangential]) < rows.friction_bound(x)).sum()
     assert free > 20
     newton = elimination.products(shortcut.FACTORIZATIONS * free**3 / 3)
-    way.made = False
+    way.condensation.eliminated = False
     assert way._price(x) == pytest.approx(elimination.price + newton, rel=1e-12)
     assert way._price(0 * x) == elimination.price
-    way.made = True
+    way.condensation.eliminated = True
     assert way._price(x) == pytest.approx(newton, rel=1e-12) and way._price(0 * x) == 0
 
 
 def test_steps_after_an_elimination_begin_with_newton(built, steps_of, monkeypatch):
-    """Three products each, that of the start, one for the gluing multipliers and one that shows the
-    residual, where they took sixty; the answer is the same.
+    """Four products each, that of the start, one for the gluing multipliers, one that shows the
+    residual and one that says what forces miss, where they took sixty; the answer is the same.
     """
     monkeypatch.setattr(shortcut, "MANY_ROWS", np.inf)
     problem = built("tutorial", **DRAGGED_PROBLEM | {"subdomains": 8, "steps": 6})
     solver, short = steps_of(problem)
-    assert solver.fixed_point.shortcut.made and solver.history.counts["condensed_steps"] == 6
+    assert solver.condensation.eliminated and solver.history.counts["condensed_steps"] == 6
     assert [step.fixed_point_iterations for step in short] == [3, 0, 0, 0, 0, 0]
-    assert {step.products for step in short[1:]} == {3}
+    assert {step.products for step in short[1:]} == {4}
     monkeypatch.setattr(Shortcut, "begins", lambda *_: False)
     monkeypatch.setattr(shortcut, "LEAST", np.inf)
     plain, long = steps_of(problem)
@@ -193,6 +193,45 @@ def test_steps_after_an_elimination_begin_with_newton(built, steps_of, monkeypat
     for one, other in zip(short, long):
         np.testing.assert_allclose(one.multipliers, other.multipliers, rtol=0,
                                    atol=1e-5 * np.abs(other.multipliers).max())
+
+
+def test_steps_that_begin_with_newton_prepare_no_qp(built, steps_of, monkeypatch):
+    """Neither preconditioner nor relaxation; with QPs they are there."""
+    monkeypatch.setattr(Shortcut, "_comes_first", True)
+    problem = built("tutorial", **DRAGGED_PROBLEM | {"subdomains": 5, "steps": 2})
+    solver, _ = steps_of(problem)
+    assert solver.history.counts["condensed_steps"] == 2
+    assert "accelerators" not in vars(solver.qp)
+    monkeypatch.setattr(Shortcut, "_comes_first", False)
+    solver, _ = steps_of(problem, corrector="contact")
+    assert solver.history.counts["contact_block_products"] > 0
+    assert solver.qp.accelerators.preconditioner is not None
+
+
+def test_forces_that_are_missing_are_those_of_newton(built, steps_of, monkeypatch):
+    """By which pressures have been changed, as long as every node stays in its state; what gluing
+    multipliers alone are off by is missing in no contact force.
+    """
+    monkeypatch.setattr(Shortcut, "_comes_first", True)
+    problem = built("tutorial", **DRAGGED_PROBLEM | {"subdomains": 5, "steps": 1})
+    solver, (step,) = steps_of(problem, rtol=1e-12)
+    op, rows, condensation = problem.operator, solver.rows, solver.condensation
+    rng, x = np.random.default_rng(1), step.multipliers
+    change, pressing = np.zeros_like(x), x[rows.normal] > 1e-3 * x[rows.normal].max()
+    change[rows.normal[pressing]] = 1e-4 * rng.random(pressing.sum()) * x[rows.normal[pressing]]
+    moved = rows.follow(x + change, rows.sliding(x, rows.friction_bound(x)))
+    change = moved - x
+    assert np.abs(change[rows.tangential]).max() > 0
+    found = condensation.correction(moved, op.apply(moved) - op.apply(x) + step.gradient)
+    np.testing.assert_allclose(found, -change, rtol=0, atol=1e-6 * np.abs(change).max())
+    said = solver.residuals._missing(moved, op.apply(moved) - op.apply(x) + step.gradient)
+    contact = np.append(rows.normal, rows.tangential)
+    size = np.linalg.norm(change[contact]) / np.linalg.norm(moved[contact])
+    assert said == pytest.approx(size, rel=1e-5)
+    glue = np.zeros_like(x)
+    glue[rows.gluing] = 1e-3 * rng.standard_normal(len(rows.gluing)) * np.abs(x).max()
+    found = condensation.correction(x + glue, op.apply(glue) + step.gradient)
+    assert np.abs(found).max() <= 1e-8 * np.abs(glue).max()
 
 
 @pytest.mark.parametrize("scene, options", [("model", {"cells": 4}), ("punch", {"h": 0.2}),
@@ -218,7 +257,7 @@ def test_where_a_search_begins_with_newton(decided, made, tried, begins):
     step, nor where the start is a solution.
     """
     way = decided.way
-    way.made, zero = made, np.zeros(way.qp.operator.owned)
+    way.condensation.eliminated, zero = made, np.zeros(way.qp.operator.owned)
     trace = Trace(shortcut=tried)
     assert way.begins(trace, zero, zero + 1.0) == begins
     assert not way.begins(trace, zero, zero)
