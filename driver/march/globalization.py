@@ -4,10 +4,9 @@
 2. The contact rows alone, condensed: semismooth Newton from the last iterate, or from successive
    approximations beside it, and where that does not settle Lemke's method, which finds a solution
    for any friction coefficient. It may fail for bodies without support and contact that pulls: then
-   a path of solutions under loads that become the step's, branch and bound over all states, which
-   may prove that there is no solution, states that violate the law less and less, and a longer
-   search; of more nodes than MOST_NODES all this among those that touch or nearly do
-   (few_nodes.py). Where slip changes friction, a solution with given coefficients is the start for
+   a path of solutions under loads that become the step's, states that violate the law less and
+   less, and branch and bound over all states, which may prove that there is no solution; of more
+   nodes than MOST_NODES all this among those that touch or nearly do (few_nodes.py). Where slip changes friction, a solution with given coefficients is the start for
    that with those of its own slip.
 
 Smaller steps are not among them: a time step has a solution whatever its size.
@@ -18,7 +17,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..qp import complementarity
-from ..qp.branching import LAST_PROGRAMS, MOST_NODES, search_states
+from ..qp.branching import MOST_NODES, search_states
 from ..qp.continuation import at_the_end_of_a_path
 from ..qp.coulomb import CoulombProblem
 from ..qp.few_nodes import solution_among
@@ -81,15 +80,10 @@ def searched(problem: CoulombProblem, start: np.ndarray) -> tuple[np.ndarray | N
     """As `solve_condensed` by the searches that come last."""
     if problem.n > MOST_NODES:
         return solution_among(problem, start, MOST_NODES, solve_condensed)
-    found = search_states(problem)
-    if found.solution is not None:
-        return found.solution, SEARCH
-    if found.certain:
-        return None, NO_STATE
     z = _descended(problem, start)
     if z is not None:
         return z, SEARCH
-    found = search_states(problem, LAST_PROGRAMS)
+    found = search_states(problem)
     return found.solution, NO_STATE if found.certain and found.solution is None else SEARCH
 
 

@@ -22,8 +22,7 @@ from .coulomb import CoulombProblem
 from .scaled import Scaled
 
 MOST_NODES = 60  # contact nodes up to which states are searched
-PROGRAMS = 200  # linear programs in a search, at most ...
-LAST_PROGRAMS = 2000  # ... and in one where every other way has failed: some seconds
+PROGRAMS = 500  # linear programs in a search, at most: some seconds
 ANY, APART, PRESSES, PULLS = range(4)  # of contact
 STICKS, FORTH, BACK = range(1, 4)  # of friction; ANY
 NOTHING = 1e-7  # of forces and movements of order one: what linear programs leave of zero

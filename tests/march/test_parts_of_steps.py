@@ -552,8 +552,7 @@ def test_when_other_solutions_are_looked_for(choice, nodes, friction, doubtful, 
     ("newton", 0, 0.5, globalization.NEWTON), ("lemke", 0, 0.5, globalization.LEMKE),
     ("all alike", 1, 0.5, globalization.NEWTON), ("lemke", 1, 0.5, globalization.LEMKE),
     ("path", 0, 0.5, globalization.CONTINUATION), ("path", 1, 0.5, globalization.CONTINUATION),
-    ("search", 1, 0.5, globalization.SEARCH), ("descend", 1, 0.0, globalization.SEARCH),
-    ("longer", 1, 0.5, globalization.SEARCH)])
+    ("search", 1, 0.5, globalization.SEARCH), ("descend", 1, 0.0, globalization.SEARCH)])
 def test_the_first_method_that_finds_a_solution(monkeypatch, solver, motions, friction, method):
     """In their order; starts in which all nodes are alike for bodies without support."""
     tried = []
@@ -570,18 +569,16 @@ def test_the_first_method_that_finds_a_solution(monkeypatch, solver, motions, fr
     monkeypatch.setattr(globalization.complementarity, "lemke", attempt("lemke", z))
     monkeypatch.setattr(globalization.complementarity, "all_alike", lambda problem: [alike])
     monkeypatch.setattr(globalization.complementarity, "descend", attempt("descend", z))
-    brief = attempt("search", Search(z, True), Search(None, False))
-    longer = attempt("longer", Search(z, True), Search(None, False))
     monkeypatch.setattr(globalization, "search_states",
-                        lambda *given: longer() if len(given) > 1 else brief())
+                        attempt("search", Search(z, True), Search(None, False)))
     monkeypatch.setattr(globalization, "at_the_end_of_a_path", attempt("path", z))
     problem = SimpleNamespace(k=motions, bilateral=np.zeros(1, bool), n=2,
                               coefficient=np.array([friction]))
     found, by = globalization.solve_condensed(problem, np.zeros(1))
     assert found is z and by == method and tried[-1] == solver
-    order = ["newton", *(["all alike"] if motions else []), "lemke", "path", "search", "descend"]
-    if solver == "longer":
-        order += ["descend", "longer"]  # descent from two starts
+    order = ["newton", *(["all alike"] if motions else []), "lemke", "path", "descend"]
+    if solver == "search":
+        order += ["descend", "search"]  # descent from two starts
     assert tried == order[: order.index(solver) + 1]
 
 
@@ -593,10 +590,9 @@ def test_where_no_method_finds_a_solution(monkeypatch):
     monkeypatch.setattr(globalization, "at_the_end_of_a_path", lambda *_: None)
     problem = SimpleNamespace(k=1, bilateral=np.zeros(1, bool), n=globalization.MOST_NODES,
                               coefficient=np.ones(1))
-    for most, method in ((1, globalization.NO_STATE), (2, globalization.NO_STATE),
-                         (3, globalization.SEARCH)):
+    for certain, method in ((True, globalization.NO_STATE), (False, globalization.SEARCH)):
         monkeypatch.setattr(globalization, "search_states",
-                            lambda *given, most=most: Search(None, len(given) >= most))
+                            lambda problem, certain=certain: Search(None, certain))
         assert globalization.solve_condensed(problem, np.zeros(1)) == (None, method)
     problem.n += 1
     monkeypatch.setattr(globalization, "solution_among", lambda *_: (np.ones(1), "few"))
