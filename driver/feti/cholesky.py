@@ -45,9 +45,10 @@ class TornFactor:
         self._K, self._torn, self._inner = K, torn, int((~seen).sum())
         inner = np.flatnonzero(~seen)
         self._order = np.append(inner[_fill_reducing(K, torn[inner])], np.flatnonzero(seen))
-        # L' as PETSc solves with it, and the torn dof of every one of its first rows
+        # L' of the first dofs as PETSc solves with it, and the torn dof of every row of it but c
         self._upper = self._place = None
-        self._last = None  # the last rows of L, (n_t + n_c,) square, n_t first
+        # of its last rows L_tt, half a matrix in LAPACK's rectangular full packed format, and L_ct
+        self._packed = self._coupling = None
 
     def reduced(self, corner: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """K_rr^-1 (n_t, n_t) and K_rr^-1 K_rc (n_t, n_c) on t, and K_cc - K_cr K_rr^-1 K_rc.
@@ -61,8 +62,9 @@ class TornFactor:
         self._place = self._order[places[: size - n_c]]
         whole = cholmod.getfactor(factor)
         L, n_t = _last_rows(whole, size - self._inner), size - self._inner - n_c
-        self._upper, self._last = _upper(whole), L
+        self._upper = _upper(whole, self._inner)
         L_tt, L_ct, L_cc = L[:n_t, :n_t], L[n_t:, :n_t], L[n_t:, n_t:]
+        self._packed, self._coupling = _packed(L_tt), L_ct.copy()
         schur = L_cc @ L_cc.T - np.diag(added[size - n_c :])
         return _inverse(L_tt), _backward(L_tt, L_ct.T), (schur + schur.T) / 2
 
@@ -72,7 +74,7 @@ class TornFactor:
             return np.zeros_like(right)
         if self._upper is None:
             self.reduced(np.empty(0, int))
-        none = np.zeros(len(self._last) - (len(self._place) - self._inner))
+        none = np.zeros(len(self._coupling))
         return np.column_stack([self.backward(self.forward(column), none) for column in right.T])
 
     def forward(self, right: np.ndarray) -> np.ndarray:
@@ -81,28 +83,32 @@ class TornFactor:
         torn = len(self._place)
         x.array[:torn], x.array[torn:] = right[self._place], 0.0
         self._upper.solveTranspose(x, y)
-        return y.array[:torn].copy()
+        result = y.array[:torn].copy()
+        result[self._inner :] = self._on_rows(result[self._inner :])
+        return result
 
     def forward_of_rows(self, right: np.ndarray) -> np.ndarray:
         """`forward` of what is zero but on t: the last rows of L have it all."""
         y = np.zeros(len(self._place))
-        n_t = len(y) - self._inner
-        if n_t:
-            y[self._inner :] = solve_triangular(self._last[:n_t, :n_t],
-                                                right[self._place[self._inner :]], lower=True,
-                                                check_finite=False)
+        y[self._inner :] = self._on_rows(right[self._place[self._inner :]])
         return y
+
+    def _on_rows(self, right: np.ndarray, trans: str = "N") -> np.ndarray:
+        """L_tt^-1 times `right` (n_t,), or L_tt^-T."""
+        if not len(right):
+            return right
+        return lapack.dtfsm(1.0, self._packed, right[:, None], uplo="L", trans=trans)[:, 0]
 
     def backward(self, forward: np.ndarray, corner: np.ndarray) -> np.ndarray:
         """K_rr^-1 (f_r - K_rc u_c) (n_r,) by `forward` (n_r,) of f_r and u_c, `corner` (n_c,).
 
-        Rows of L' at the corners have u_c alone: the others then bring in K_rc.
+        L' is that of all dofs: its columns at the corners bring in K_rc.
         """
         y, x = self._upper.createVecs()
         torn, solution = len(self._place), np.empty(len(self._place))
-        n_t = torn - self._inner
-        y.array[:torn] = forward
-        y.array[torn:] = self._last[n_t:, n_t:].T @ corner
+        rows = forward[self._inner :] - self._coupling.T @ corner
+        y.array[: self._inner] = forward[: self._inner]
+        y.array[self._inner : torn], y.array[torn:] = self._on_rows(rows, "T"), corner
         self._upper.solve(y, x)
         solution[self._place] = x.array[:torn]
         return solution
@@ -155,13 +161,21 @@ def _last_rows(L: spmatrix, count: int) -> np.ndarray:
     return np.array(matrix(L[-count:, -count:]))
 
 
-def _upper(L: spmatrix) -> PETSc.Mat:
-    """The transpose of L, to solve with. Columns of L are its rows.
+def _packed(L: np.ndarray) -> np.ndarray | None:
+    """The lower triangle L (n, n) in the rectangular full packed format; None without rows."""
+    return lapack.dtrttf(L, uplo="L")[0] if len(L) else None
+
+
+def _upper(L: spmatrix, inner: int) -> PETSc.Mat:
+    """The transpose of the first `inner` columns of L, to solve with; beyond it is the identity.
 
     ILU(0) has nothing to eliminate in it and works in place.
     """
     first, row, value = (np.asarray(part).ravel() for part in L.CCS)
-    csr = first.astype(PETSc.IntType), row.astype(PETSc.IntType), value
+    end, last = int(first[inner]), np.arange(inner, L.size[0])
+    csr = (np.append(first[:inner], end + np.arange(len(last) + 1)).astype(PETSc.IntType),
+           np.append(row[:end], last).astype(PETSc.IntType),
+           np.append(value[:end], np.ones(len(last))))
     upper = PETSc.Mat().createAIJWithArrays(L.size, csr, comm=PETSc.COMM_SELF)
     order = PETSc.IS().createStride(L.size[0], first=0, step=1, comm=PETSc.COMM_SELF)
     upper.factorILU(order, order)

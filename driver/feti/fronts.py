@@ -200,13 +200,13 @@ class GluingElimination:
     def _eliminate(self) -> None:
         """This rank's fronts one after the other, and C on every rank."""
         tree, comm, error = self._tree, self._operator.comm, None
-        parts, way, C = self._matrices(), Handover(comm), np.empty([self._last] * 2)
+        parts, way, C = self._matrices(), Handover(comm), None
         for front in self._turn[self._owner[self._turn] == comm.rank].tolist():
             left = {child: self._left(way, child) for child in tree.children[front]}
             index, matrix = _assembled(parts[front] + list(left.values()))
             parts[front] = None
             if front == len(tree.fronts):  # the contact rows, each of which has a subdomain
-                C[:] = matrix
+                C = np.ascontiguousarray(matrix)
                 break
             places = {child: np.searchsorted(index, rest) for child, (rest, _) in left.items()}
             del left
@@ -218,6 +218,7 @@ class GluingElimination:
             way.give(front, self._owner[tree.parent[front]], index[count:], matrix)
         way.finish()
         agree(comm, error)
+        C = np.empty([self._last] * 2) if C is None else C
         comm.Bcast(C, self._owner[-1])
         self._own_pivots = joined([factors.own for factors in self._factors.values()], int)
         self._pivots = gather(comm, self._own_pivots)

@@ -18,7 +18,9 @@ APPROXIMATIONS = 8  # of friction bounds, each a start for Newton's method
 PARTS = (1.0, 0.1, 0.01)
 BRIEFLY = 8  # Newton steps from one of many starts
 NEAR = 10  # nodes whose states differ from a solution's at most for a start to be near it
-A_FEW = 4  # nodes that may change their states again and again before Newton's method settles
+# nodes that may change their states again and again before Newton's method settles: so many, or
+# this part of all
+A_FEW, SHARE = 4, 0.02
 COVERS = 4  # covering vectors Lemke's method tries
 SLACK = 1e-9  # relative violation of an inequality that is rounding
 DESCENTS = 8  # changes of a node's state on the way to a solution
@@ -49,7 +51,7 @@ def newton(problem: CoulombProblem, start: np.ndarray, most: int = NEWTON_STEPS,
         seen.add(key)
         if narrowing and before is not None:
             changes = np.count_nonzero(states != before)
-            if changes > max(A_FEW, fewest):
+            if changes > max(A_FEW, SHARE * problem.n, fewest):
                 break
             fewest = changes
         before = states

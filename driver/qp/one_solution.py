@@ -10,7 +10,7 @@ from .coulomb import ROUNDING, CoulombProblem
 from .nearby import nearly_in
 
 NEAR = 0.1  # part of the nodes whose movements say another state than their forces, at most
-SOFT = 0.01  # part of the rigidity by which movements count in approximations
+SOFT = 0.03  # part of the rigidity by which movements count in approximations
 APPROXIMATIONS = 3  # of friction bounds before the methods for several solutions
 
 
