@@ -261,8 +261,8 @@ class Adjoint:
         for _ in range(ROUNDS):
             x = mprgp(self.operator.apply, right - coupling, self.lower, self.upper, x,
                       tol=tolerance, norm_bound=qp.bound, max_products=PRODUCTS,
-                      preconditioner=qp.accelerators.preconditioner, gradient0=gradient, dot=self.operator.dot,
-                      minimum=self.operator.minimum, scale=qp.scale).x
+                      preconditioner=qp.accelerators.preconditioner, gradient0=gradient,
+                      dot=self.operator.dot, minimum=self.operator.minimum, scale=qp.scale).x
             if not self._coupled:
                 break
             product = self.operator.apply(x)

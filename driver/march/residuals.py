@@ -134,13 +134,13 @@ class Residuals:
 
         Where gluing rows have been eliminated those of a step of Newton's method, else those that
         the preconditioner finds. The inverse of F, for which it stands, makes stiff parts of the
-        body count by their stiffness. Contact forces that are nothing beside the body's count by FADED times these: its
-        multipliers, and the least forces that make the displacements to be overcome. In a state
-        without any contact force what it leaves out is relative to those of the steps before: by
-        as much as they were asked for their own are unknown, and with them the slip that a later
-        step starts from. Where nothing has pressed yet, gluing forces may be rounding as well (a
-        body that expands freely); then, and without a preconditioner, it is the projected gradient
-        relative to what the QP's tolerance is.
+        body count by their stiffness. Contact forces that are nothing beside the body's count by
+        FADED times these: its multipliers, and the least forces that make the displacements to be
+        overcome. In a state without any contact force what it leaves out is relative to those of
+        the steps before: by as much as they were asked for their own are unknown, and with them the
+        slip that a later step starts from. Where nothing has pressed yet, gluing forces may be
+        rounding as well (a body that expands freely); then, and without a preconditioner, it is the
+        projected gradient relative to what the QP's tolerance is.
         """
         op, qp, scales = self.operator, self.qp, self.scales
         limits = self.rows.limits(op.owned, x)

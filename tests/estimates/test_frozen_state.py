@@ -34,7 +34,7 @@ def frozen(status, coefficient=0.5, **operator) -> Adjoint:
         "comm": MPI.COMM_SELF, "modes": 0, "structure": SimpleNamespace(patterns=1, total=1),
         "deformations": lambda *given: given, **operator})
     of.solver = SimpleNamespace(qp=SimpleNamespace(size=np.linalg.norm, bound=2 * np.linalg.norm(
-        F, 2), preconditioner=None, scale=None))
+        F, 2), accelerators=SimpleNamespace(preconditioner=None), scale=None))
     of.F = F
     of._freeze(np.array(status))
     return of

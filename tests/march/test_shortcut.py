@@ -103,6 +103,7 @@ def test_it_comes_first_where_many_rows_are_cheap_to_eliminate(decided, monkeypa
     """By sizes alone: rows, the price of the elimination, that of factors of all contact rows."""
     way, x = decided.way, np.zeros(decided.way.qp.operator.owned)
     monkeypatch.setattr(way.condensation, "eliminated", False)
+    monkeypatch.setattr(way, "single", False)
     fronts, rows = way.condensation.elimination, way.condensation.operator.structure.dual_dofs
     moved = np.ones_like(x)
 
@@ -121,10 +122,22 @@ def test_it_comes_first_where_many_rows_are_cheap_to_eliminate(decided, monkeypa
     assert not first(alike=True)  # products of alike subdomains cost little
     assert not first(tried=False)  # and did not settle
     assert not way.begins(Trace(), x, np.zeros_like(x))  # x is the solution
+    monkeypatch.setattr(shortcut, "MANY_OF_ONE_STEP", rows)
+    assert not first(least_rows=rows + 1)
+    monkeypatch.setattr(way, "single", True)  # no other step would gain by what QPs prepare
+    assert first(least_rows=rows + 1)
+    monkeypatch.setattr(shortcut, "MANY_OF_ONE_STEP", rows + 1)
+    assert not first()
+
+
+@pytest.mark.parametrize("steps", [1, 2])
+def test_what_a_single_step_is(built, steps_of, steps):
+    solver, _ = steps_of(built(cells=2, steps=steps))
+    assert solver.fixed_point.shortcut.single == (steps == 1)
 
 
 def test_what_has_no_contact_has_nothing_to_eliminate_for(solved, monkeypatch):
-    monkeypatch.setattr(shortcut, "MANY_ROWS", 1)
+    monkeypatch.setattr(shortcut, "MANY_OF_ONE_STEP", 1)
     run = solved("cantilever", subdomains=5, cells=3)
     assert run.status == 0 and not run.summary["counts"]["condensed_steps"]
 
@@ -132,7 +145,7 @@ def test_what_has_no_contact_has_nothing_to_eliminate_for(solved, monkeypatch):
 def test_elimination_first_ends_in_the_same_state(solved, monkeypatch):
     """In a step that no approximations precede, for the few products that show it."""
     later = solved("tutorial", **DRAGGED, quiet="no", friction=0.4)
-    monkeypatch.setattr(shortcut, "MANY_ROWS", 1)
+    monkeypatch.setattr(shortcut, "MANY_OF_ONE_STEP", 1)
     first = solved("tutorial", **DRAGGED, friction=0.4)
     assert first.summary["counts"]["fixed_point_iterations"] == 0 and products(first) <= 8
     assert max(first.summary["residuals"].values()) <= 1e-10
