@@ -25,7 +25,7 @@ motion that no row with force or sticking feels stays as it is: the bodies may r
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.linalg import lapack
+from scipy.linalg import blas, lapack
 
 from .equations import BACKWARD, FORWARD, OPEN, STICK, Equations
 
@@ -112,9 +112,7 @@ class CoulombProblem:
 
     def movement(self, z: np.ndarray) -> np.ndarray:
         """(n + m,) over and slip."""
-        self.products += 1
-        moved = self.load - self.compliance @ z[: self.rows]
-        return moved + self.motions @ z[self.rows :] if self.k else moved
+        return self.moved(self.load, z)
 
     # ---- states --------------------------------------------------------------------------------
     def states(self, z: np.ndarray, movement: np.ndarray | None = None) -> np.ndarray:
@@ -211,7 +209,8 @@ class CoulombProblem:
     def moved(self, movement: np.ndarray, change: np.ndarray) -> np.ndarray:
         """`movement` (n + m,) after a change of z."""
         self.products += 1
-        movement = movement - self.compliance @ change[: self.rows]
+        if self.rows:  # symmetric: half of it has to come from memory
+            movement = blas.dsymv(-1.0, self.compliance.T, change[: self.rows], 1.0, movement)
         return movement + self.motions @ change[self.rows :] if self.k else movement
 
     # ---- the law -------------------------------------------------------------------------------
