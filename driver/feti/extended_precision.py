@@ -146,10 +146,8 @@ class _Reactions:
         self.comm, self._corners = coarse.comm, structure.rigid_corners[coarse.numbers]
         shared = np.bincount(gather(coarse.comm, coarse.numbers), minlength=coarse.dofs)
         self._corners = self._corners.astype(LONG) / shared[coarse.numbers][:, None]
-        self._motions = [np.array([
-            mode.displacement(sub.xy).ravel() if structure.first + s in mode.members
-            else np.zeros(sub.dofs) for mode in structure.rigid_modes], LONG)
-            for s, sub in enumerate(structure.subdomains)]
+        motions = [mode.fields(structure) for mode in structure.rigid_modes]
+        self._motions = [np.array(of, LONG) for of in zip(*motions)]
 
     def take_from(self, left: list[np.ndarray], classes) -> None:
         """Take the reactions to the forces `left` (dofs,) on the subdomains from them; collective.

@@ -25,6 +25,11 @@ class RigidMode:
         away = xy - self.center
         return self.translation + self.rotation * np.column_stack([-away[:, 1], away[:, 0]])
 
+    def fields(self, structure) -> list[np.ndarray]:
+        """(dofs,) displacements of the local subdomains of a Substructure: zero in other bodies."""
+        return [self.displacement(sub.xy).ravel() if structure.first + s in self.members
+                else np.zeros(sub.dofs) for s, sub in enumerate(structure.subdomains)]
+
 
 @dataclass
 class Springs:

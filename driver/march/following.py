@@ -55,10 +55,7 @@ class FollowingSolver(QuasistaticSolver):
         unit = np.eye(structure.patterns)
         self._travel = [self._nodal(structure.travel.displacements(one, subdomains))
                         for one in unit]
-        modes = structure.rigid_modes
-        self._motions = [self._nodal(
-            [mode.displacement(sub.xy).ravel() if structure.first + s in mode.members
-             else np.zeros(sub.dofs) for s, sub in enumerate(subdomains)]) for mode in modes]
+        self._motions = [self._nodal(mode.fields(structure)) for mode in structure.rigid_modes]
         self.deformed = np.zeros((len(gids), 2))
         self.history.counts["geometries"] = 0
 
