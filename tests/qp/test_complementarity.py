@@ -553,6 +553,21 @@ def test_an_only_solution_takes_fewer_systems(friction, part, monkeypatch):
     assert taken[only_solution] <= part * taken[approached]
 
 
+@pytest.mark.parametrize("nodes, changes, settles", [
+    (400, (300, 6, 8, 0), True), (400, (300, 6, 9, 0), False),  # two nodes in a hundred
+    (100, (60, 3, 4, 0), True), (100, (60, 3, 5, 0), False), (100, (60, 30, 20, 0), True)])
+def test_newton_that_narrows_goes_on_while_few_nodes_change(nodes, changes, settles):
+    """Many more than in the step before say that it leads away: other ways are quicker."""
+    states = [np.zeros(nodes, int)]
+    for count in changes:
+        states.append(np.where(np.arange(nodes) < count, 1 - states[-1], states[-1]))
+    problem = SimpleNamespace(
+        n=nodes, states=lambda step: states[step], signs=lambda step: np.ones(nodes),
+        solution_in=lambda *_: taken.append(1) or len(taken), solves=lambda step: step == 4)
+    taken = []
+    assert complementarity.newton(problem, 0, narrowing=True) == (4 if settles else None)
+
+
 def test_a_surface_that_closes_is_far_softer_than_its_nodes(monkeypatch):
     """Under half the load all nodes would open again and close: movements count by little."""
     systems, taken = counted(monkeypatch), []
