@@ -16,7 +16,8 @@ of several kinds: condition numbers of 16 to 21 with 8 subdomains and of 20 to 2
 deflation 260 to 850, and 630 to 2,800.
 
 Uneven nodes (Skeleton.uneven) have a hat of their own, with which F_cc is inverted there exactly:
-thin triangles, jumps and directions of the stiffness raise the condition number no more. Hats begin
+thin triangles, jumps and directions of the stiffness raise the condition number no more, nor do
+nodes of a stiff body on a soft one with a coarser mesh (row_stiffness.left_alone). Hats begin
 and end where Young's modulus jumps from subdomain to subdomain, too, and the stiffness in D lets
 the stiffer side of a hat decide: large displacements of the compliant side, averaged into the hat,
 would leave the stiff side a part that M answers with its stiffness. For a jump by 1e6 the condition

@@ -14,7 +14,7 @@ from ..scene.manifest import Manifest
 from .corners import corner_vertices
 from .gathering import gather, largest, lookup
 from .rigid_modes import all_springs, rigid_modes
-from .row_stiffness import row_scale, seen_stiffness, shares
+from .row_stiffness import left_alone, row_scale, seen_stiffness, shares
 from .rows import LocalRows, RowKind
 from .structure import ContactTable, Substructure
 from .travel import separated
@@ -120,8 +120,9 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm, friction
                         patterns=len(manifest.patterns), travel=travel,
                         contact=contact, rigid_modes=modes,
                         rigid_corners=at_corners,
-                        uneven=np.unique(gather(comm, np.intersect1d(skeleton.uneven_gids,
-                                                                     contact.gid))),
+                        uneven=np.union1d(gather(comm, np.intersect1d(skeleton.uneven_gids,
+                                                                      contact.gid)),
+                                          contact.gid[left_alone(share, counted)]),
                         outer_edges=edges, outer_middles=middles,
                         primal_dofs=primal,
                         numbering=None if contact.following is None else numbering)

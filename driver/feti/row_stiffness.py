@@ -5,6 +5,8 @@ import numpy as np
 from .rows import RowKind
 
 CROWDED = 1.2  # rows for every vertex of the other body, from which they depend on one another
+SOFTER = 0.1  # part of what a node counts by that it is scaled by where it is left to its own body
+MOST_ALONE = 500  # nodes that have a hat of their own for that: dense rows of the preconditioner
 SLIGHT = 1e-6  # part of the largest term of a row below which it does not touch a vertex
 
 
@@ -43,6 +45,17 @@ def shares(skeleton, contact) -> tuple[np.ndarray, np.ndarray]:
     own, met = (skeleton.at(gid, stiffness) for gid in (contact.gid, contact.term_gid))
     share = _in_series(contact, met)
     return share, np.maximum.reduce([share, _crowded(contact), _handed_on(contact, met) / own])
+
+
+def left_alone(share: np.ndarray, counted: np.ndarray) -> np.ndarray:
+    """(k,) contact nodes of stiff bodies whose forces are shared by what these alone feel.
+
+    By `share` and `counted` (n_c,) of `shares`. A soft body on the other side makes nearly all of
+    the compliance of the row, and nothing of that of forces that alternate from node to node. None
+    where they are more than MOST_ALONE.
+    """
+    alone = np.flatnonzero(share < SOFTER * counted)
+    return alone[: len(alone) if len(alone) <= MOST_ALONE else 0]
 
 
 def _in_series(contact, stiffness: np.ndarray) -> np.ndarray:
