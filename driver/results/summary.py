@@ -86,9 +86,10 @@ class Summary:
     residuals: dict = entry(
         "relative residuals of the KKT conditions, worst of all steps; a step has converged with "
         "none above PRIMAL_RTOL, equilibrium none above FRICTION_RTOL", parts={
-            "stationarity": "norm of the contact forces that the preconditioner finds missing by "
-                            "the projected gradient, over that of all contact forces, of a "
-                            "step without any over the largest before",
+            "stationarity": "norm of the contact forces that the preconditioner, or where gluing "
+                            "rows are eliminated a step of Newton's method, finds missing by the "
+                            "projected gradient, over that of all contact forces, of a step "
+                            "without any over the largest before",
             "gluing": "jump between subdomains over the largest deformation delta, the "
                       "displacement of a vertex less the rigid motion of its body, or over a lower "
                       "bound of it by the corners where that is enough",
