@@ -151,6 +151,10 @@ class Effect:
         """(j,) factor of the coefficient at displacements u_t, `last` those of the step before."""
         raise NotImplementedError
 
+    def largest_factor(self, nodes) -> np.ndarray:
+        """(j,) the largest such factor that the step at hand may end with."""
+        raise NotImplementedError
+
     # ---- laws by which nodes yield, where it `closes` (march/closure.py) ------------------------
     def worn(self, nodes: np.ndarray) -> np.ndarray:
         """(k,) by how much the gap of the contact `nodes` (k,) has grown in the steps before."""
@@ -316,6 +320,11 @@ class Effects:
         """(j,) factor of the friction coefficients; see Effect."""
         changing = [room for room in self if room.changes_coefficient]
         return np.prod([room.coefficient_factor(nodes, u_t, last) for room in changing], axis=0)
+
+    def largest_factor(self, nodes) -> np.ndarray:
+        """(j,) the largest factor that the step at hand may end with; see Effect."""
+        changing = [room for room in self if room.changes_coefficient]
+        return np.prod([room.largest_factor(nodes) for room in changing], axis=0)
 
     def prepare(self, contact) -> None:
         """Allocate what effects carry from step to step."""

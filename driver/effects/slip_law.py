@@ -42,6 +42,16 @@ class Room(Effect):
         slid = self.accumulated[nodes] + np.abs(u_t - last)
         return np.interp(slid, self.arguments, self.values)
 
+    def largest_factor(self, nodes) -> np.ndarray:
+        """(j,) of any displacement, or of any slip beyond that so far; see Effect."""
+        if self.argument == "displacement":
+            return np.full(len(nodes), self.values.max())
+        to_come = np.maximum.accumulate(self.values[::-1])[::-1]  # at the arguments
+        slid = self.accumulated[nodes]
+        beyond = np.searchsorted(self.arguments, slid, side="right")
+        return np.maximum(np.interp(slid, self.arguments, self.values),
+                          np.append(to_come, self.values[-1])[beyond])
+
     def carried(self) -> dict[str, np.ndarray]:
         """The accumulated slip."""
         return {"accumulated_slip": self.accumulated}

@@ -36,7 +36,7 @@ class TornFactor:
     """Factor of K_rr, the stiffness (n_r, n_r) of the torn dofs; made when it is first used.
 
     One factorization serves both: the last rows of L for `reduced` and, without the corners, all
-    of it for `solve`. CHOLMOD's own factor is used up where it hands out L.
+    of it for `solve`, kept in parts. CHOLMOD's own factor is used up where it hands out L.
     """
 
     def __init__(self, K, torn: np.ndarray, seen: np.ndarray):
@@ -45,7 +45,7 @@ class TornFactor:
         self._K, self._torn, self._inner = K, torn, int((~seen).sum())
         inner = np.flatnonzero(~seen)
         self._order = np.append(inner[_fill_reducing(K, torn[inner])], np.flatnonzero(seen))
-        # L' of the first dofs as PETSc solves with it, and the torn dof of every row of it but c
+        # the first columns of L, transposed as PETSc solves with them; torn dofs in the order of L
         self._upper = self._place = None
         # of its last rows L_tt, half a matrix in LAPACK's rectangular full packed format, and L_ct
         self._packed = self._coupling = None
@@ -102,7 +102,7 @@ class TornFactor:
     def backward(self, forward: np.ndarray, corner: np.ndarray) -> np.ndarray:
         """K_rr^-1 (f_r - K_rc u_c) (n_r,) by `forward` (n_r,) of f_r and u_c, `corner` (n_c,).
 
-        L' is that of all dofs: its columns at the corners bring in K_rc.
+        K_rc comes in by the rows of L at the corners.
         """
         y, x = self._upper.createVecs()
         torn, solution = len(self._place), np.empty(len(self._place))

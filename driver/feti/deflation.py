@@ -15,9 +15,9 @@ for free. It is symmetric positive definite on the face, as M is. Measured for 1
 of several kinds: condition numbers of 16 to 21 with 8 subdomains and of 20 to 25 with 32; without
 deflation 260 to 850, and 630 to 2,800.
 
-Uneven nodes (Skeleton.uneven) have a hat of their own, with which F_cc is inverted there exactly:
-thin triangles, jumps and directions of the stiffness raise the condition number no more, nor do
-nodes of a stiff body on a soft one with a coarser mesh (row_stiffness.left_alone). Hats begin
+Uneven nodes (Skeleton.uneven) and those of a stiff body on a soft one with a coarser mesh
+(row_stiffness.left_alone) have a hat of their own, with which F_cc is inverted there exactly: thin
+triangles, jumps and directions of the stiffness raise the condition number no more. Hats begin
 and end where Young's modulus jumps from subdomain to subdomain, too, and the stiffness in D lets
 the stiffer side of a hat decide: large displacements of the compliant side, averaged into the hat,
 would leave the stiff side a part that M answers with its stiffness. For a jump by 1e6 the condition
@@ -69,11 +69,11 @@ class Hats:
 
 
 def traction_hats(structure: Substructure, rows: np.ndarray, comm) -> Hats:
-    """Hats on the contact `rows`: tops at corners, ends, stiffness jumps and uneven nodes."""
+    """Hats on the contact `rows`: tops at corners, ends, stiffness jumps, `with_hats`."""
     contact = structure.contact
     row, node = _row_nodes(structure)
     position = np.searchsorted(rows, row)
-    top = np.isin(contact.gid, np.union1d(_corner_vertices(structure, comm), structure.uneven))
+    top = np.isin(contact.gid, np.union1d(_corner_vertices(structure, comm), structure.with_hats))
     number, value, count = np.zeros((len(rows), 2), int), np.zeros((len(rows), 2)), 0
     place = np.searchsorted(structure.at_contact.row, row)
     kinds, scale = structure.at_contact.kind[place], structure.at_contact.scale[place]

@@ -88,10 +88,9 @@ def work_of_loads(structure: Substructure, comm) -> np.ndarray:
     rounding. Loads on fixed displacements are their supports' and do none, not by rounding either.
     """
     work = np.zeros((2, structure.total, structure.patterns, len(structure.rigid_modes)))
-    for s, sub in enumerate(structure.subdomains):
-        for k, mode in enumerate(structure.rigid_modes):
+    for k, mode in enumerate(structure.rigid_modes):
+        for s, (sub, moved) in enumerate(zip(structure.subdomains, mode.fields(structure))):
             if structure.first + s in mode.members:
-                moved = mode.displacement(sub.xy).ravel()
                 moved[structure.fixed[s]] = 0.0
                 work[0, structure.first + s, :, k] = (sub.loads * moved).sum(axis=1)
                 work[1, structure.first + s, :, k] = _nodal(sub.loads) @ _nodal(moved)

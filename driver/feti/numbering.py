@@ -120,9 +120,9 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm, friction
                         patterns=len(manifest.patterns), travel=travel,
                         contact=contact, rigid_modes=modes,
                         rigid_corners=at_corners,
-                        uneven=np.union1d(gather(comm, np.intersect1d(skeleton.uneven_gids,
-                                                                      contact.gid)),
-                                          contact.gid[left_alone(share, counted)]),
+                        with_hats=np.union1d(gather(comm, np.intersect1d(skeleton.uneven_gids,
+                                                                         contact.gid)),
+                                             contact.gid[left_alone(share, counted)]),
                         outer_edges=edges, outer_middles=middles,
                         primal_dofs=primal,
                         numbering=None if contact.following is None else numbering)

@@ -5,7 +5,7 @@ import numpy as np
 from .rows import RowKind
 
 CROWDED = 1.2  # rows for every vertex of the other body, from which they depend on one another
-SOFTER = 0.1  # part of what a node counts by that it is scaled by where it is left to its own body
+SOFTER = 0.1  # share over counted below which a node is `left_alone`
 MOST_ALONE = 500  # nodes that have a hat of their own for that: dense rows of the preconditioner
 SLIGHT = 1e-6  # part of the largest term of a row below which it does not touch a vertex
 

@@ -51,7 +51,7 @@ class Substructure:
     contact: object  # ContactBoundary of contact/boundary.py
     rigid_modes: list[RigidMode]  # of bodies whose supports, if any, leave them free
     rigid_corners: np.ndarray  # (coarse_dofs, modes) orthonormal: the modes at the coarse dofs
-    uneven: np.ndarray  # sorted gids of contact nodes with hats of their own, see deflation.py
+    with_hats: np.ndarray  # sorted gids of contact nodes with hats of their own, see deflation.py
     outer_edges: np.ndarray  # (n, 3): gid, gid, label of the edges of the untorn body's boundary
     outer_middles: np.ndarray  # (n,) gids of their middles; empty with linear elements
     primal_dofs: int

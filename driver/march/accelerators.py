@@ -17,8 +17,8 @@ class Accelerators:
     """
 
     def __init__(self, operator: DualProblem, settings: Settings, norm_bound: float,
-                 scale: np.ndarray, counts: dict[str, int]):
-        """`norm_bound`, `scale`, `counts`: as ContactRelaxation takes them."""
+                 scale: np.ndarray, history):
+        """`norm_bound`, `scale`, `history`: as ContactRelaxation takes them."""
         choice, relaxed = settings.preconditioner, "contact" in (settings.expansion,
                                                                  settings.corrector)
         # the inverse on a face is at hand where the problem is condensed
@@ -35,7 +35,7 @@ class Accelerators:
                 self.preconditioner = DeflatedPreconditioner(self._local, self._deflation)
             if relaxed:
                 self.relaxation = ContactRelaxation(operator, self._deflation, norm_bound, scale,
-                                                    counts)
+                                                    history)
         if operator.softness is not None:
             self.soften(operator.softness, norm_bound)
 

@@ -112,8 +112,8 @@ class Condensation:
     def correction(self, x: np.ndarray, gradient: np.ndarray) -> np.ndarray | None:
         """Change (owned,) of contact forces by a step of Newton's method from x and its gradient.
 
-        None if its system is singular. Where there is an `elimination`; its last one is at hand
-        where x is a solution. Collective; raises NotConverged.
+        None if its system is singular. Needs an `elimination`. Where x is a solution the factors of
+        Newton's last system are used again. Collective; raises NotConverged.
         """
         op, (first, last) = self.operator, self.operator.structure.row_range
         compliance = self.compliance()
@@ -128,9 +128,11 @@ class Condensation:
     @functools.cached_property
     def _responses(self) -> np.ndarray:
         """(n + m, patterns) movements of the glued bodies by unit loads, without contact forces."""
-        loads = map(self.operator.elastic_response, np.eye(self.operator.structure.patterns))
+        op, products = self.operator, self.operator.products
+        loads = map(op.elastic_response, np.eye(op.structure.patterns))
         moved = [-self.gather(self.glued(d, np.zeros_like(d), -d)[1]) for d in loads]
-        return np.reshape(moved, (self.operator.structure.patterns, self.size)).T
+        op.products = products  # a part of the elimination, made again after an interruption
+        return np.reshape(moved, (op.structure.patterns, self.size)).T
 
     def compliance(self) -> np.ndarray:
         """C (n + m, n + m), computed at the first call. Raises NotConverged."""

@@ -257,20 +257,17 @@ class CondensedSearch:
         the method; or None.
 
         Bodies that ran away have slipped so far that friction by a law of slip holds them no more:
-        where nothing solves the problem, friction is that of nodes that do not slide. Searches,
-        which take long, come after both, and once a step: they hardly depend on where it starts.
+        where nothing solves the problem, friction is that of nodes that do not slide, or the
+        largest that the law may give: bodies may slide to where it is. Searches, which take long,
+        come after all, and once a step: they hardly depend on where it starts.
         """
-        changes, solver = self.slip.effects.coefficient_changes, ""
-        own, still = self.rows.coefficient, np.zeros_like(gradient)
+        solver, tried = "", self._frictions(gradient)
         for solve in (globalization.followed, globalization.searched):
             if solve is globalization.searched:
                 if self._in_vain is load:
                     break
                 self._in_vain = load
-            for slides in (True, False)[: 1 + changes]:
-                self.rows.coefficient = own
-                if not slides:
-                    self.slip.renew_coefficient(still)
+            for self.rows.coefficient in tried[: 3 if solve is globalization.followed else 2]:
                 try:
                     problem = self.condensation.problem(load, x, gradient)
                 except NotConverged:
@@ -278,9 +275,21 @@ class CondensedSearch:
                 start = problem.whole(self.condensation.gather(x))
                 solution, solver = solve(problem, start)
                 if solution is not None:
-                    solution = self._with_own_slip(problem, solution) if changes else solution
+                    if self.slip.effects.coefficient_changes:
+                        solution = self._with_own_slip(problem, solution)
                     return solution - start, solver
         return None, solver
+
+    def _frictions(self, gradient: np.ndarray) -> list[np.ndarray]:
+        """Friction coefficients (j,): the latest, without slip, the largest if others than these.
+        """
+        slip, found = self.slip, [self.rows.coefficient]
+        if slip.effects.coefficient_changes:
+            slip.renew_coefficient(np.zeros_like(gradient))
+            found += [self.rows.coefficient, slip.largest_coefficient()]
+            if self.operator.minimum(float(np.array_equal(*found[1:]))):
+                found.pop()
+        return found
 
     def _with_own_slip(self, problem, solution: np.ndarray) -> np.ndarray:
         """The solution near this one with the coefficients of its own slip, which `rows` take.

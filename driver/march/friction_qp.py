@@ -40,13 +40,14 @@ class FrictionQP:
         self.softest = self._softest()
         self.bound = self._bound_norm() if bound is None else bound
         self.tol, self._rigid_bound = 0.0, self.bound
+        self._known_bound = self.bound  # which no QP has raised yet
 
     def soften(self, softness: np.ndarray) -> None:
         """Add a diagonal (owned,) to F, in the place of the one before; collective."""
         op = self.operator
         op.softness = softness
         largest = -op.minimum(-float((self.scale**2 * softness).max(initial=0.0)))
-        self.bound = self._rigid_bound + largest
+        self.bound = self._known_bound = self._rigid_bound + largest
         if "accelerators" in vars(self):  # else they take it up when they are made
             self.accelerators.soften(softness, self.bound)
 
@@ -68,9 +69,12 @@ class FrictionQP:
 
     @functools.cached_property
     def accelerators(self) -> Accelerators:
-        """Made for the first QP that takes products: steps by the condensed problem take none."""
-        return Accelerators(self.operator, self.settings, self.bound, self.scale,
-                            self.history.counts)
+        """Made when a QP or a residual first needs them: steps by elimination do not.
+
+        The same whenever that is, after an interruption too.
+        """
+        return Accelerators(self.operator, self.settings, self._known_bound, self.scale,
+                            self.history)
 
     def size(self, displacements: np.ndarray) -> float:
         """Norm of displacements of the dual rows in the scale that MPRGP works in."""
@@ -169,13 +173,13 @@ class FrictionQP:
             monitor("start", 0, residual)
             return Result(x, gradient, "converged", "projected gradient within tolerance", 0, 0, 0,
                           0, self.bound, residual)
-        made = self.accelerators
-        if made.relaxation is not None and settings.expansion == "contact":
-            relax = functools.partial(made.relaxation.relaxed, limits=limits, tol=0.5 * tol)
+        preconditioner, relaxation = self.accelerators.preconditioner, self.accelerators.relaxation
+        if relaxation is not None and settings.expansion == "contact":
+            relax = functools.partial(relaxation.relaxed, limits=limits, tol=0.5 * tol)
 
         def attempt(x, gradient, relax):
             ended = mprgp(op.apply, d, *limits, x, tol=tol, norm_bound=self.bound,
-                          preconditioner=made.preconditioner, max_products=settings.max_products,
+                          preconditioner=preconditioner, max_products=settings.max_products,
                           gradient0=gradient, dot=op.dot, dots=op.dots, minimum=op.minimum,
                           monitor=monitor, scale=self.scale, relax=relax,
                           expansion="gradient" if settings.expansion == "gradient" else "cg")

@@ -55,6 +55,7 @@ class QuasistaticSolver:
         self.initial_weights = np.zeros(operator.structure.patterns)
         self.history = History()
         self.scales = Scales(displacements=np.zeros(operator.levels))
+        self.cycles = cycles
         self._attach()
         self.history.counts["dual_multiplications_setup"] = operator.products
         own = 0.0 if self.rows.bound_is_given else float(self.rows.coefficient.max(initial=0))
@@ -67,7 +68,6 @@ class QuasistaticSolver:
         self.contraction = np.nan  # of the last step that tells
         # (k, 2) displacements of contact's vertices by deformation, where contact follows them
         self.deformed = np.zeros((0, 2))
-        self.cycles = cycles
         if cycles is not None:
             cycles.join(self)
 
@@ -83,7 +83,7 @@ class QuasistaticSolver:
         self.condensation = Condensation(operator, self.rows)
         self.residuals = Residuals(self.qp, self.bodies, self.slip, self.condensation)
         self.fixed_point = FixedPoint(self.qp, self.bodies, self.slip, self.condensation,
-                                      single=len(self.times) == 2)
+                                      single=len(self.times) == 2 and self.cycles is None)
         self.corners = self.fixed_point if self.rows.corners is None else (
             CornerStates(self.fixed_point, self.contact))
         self.closure = self._closure()
@@ -144,11 +144,14 @@ class QuasistaticSolver:
         Raises StepFailed where no state can balance the loads.
         """
         first = not any(self.loads[: index - 1]) and not self.motion.any()
+        known, self.rows.coefficient = self.rows.coefficient, self.slip.largest_coefficient()
         try:
             rest = self.bodies.can_rest(index, self.amplitudes[index],
                                         None if first else self.multipliers)
         except DriverError as problem:
             raise StepFailed(problem) from None
+        finally:
+            self.rows.coefficient = known
         if first:
             self.motion = rest
         if self.rows.corners is not None:

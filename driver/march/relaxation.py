@@ -1,7 +1,7 @@
 """Stage 5, contact part: the contact problem for given gluing multipliers.
 
 Among all multipliers with the gluing ones kept, those of the contact rows that minimise the QP's
-functional solve a box problem with F_cc, which costs next to nothing (see contactblock.py). As it
+functional solve a box problem with F_cc, which costs next to nothing (see contact_block.py). As it
 holds all bounds and nearly all of the coupling along the contact boundary, contact zones move in it
 over any number of nodes at once, and what is left to products with F is the answer of the gluing.
 """
@@ -20,14 +20,14 @@ class ContactRelaxation:
     """Minimises over the contact multipliers. Collective."""
 
     def __init__(self, operator: DualProblem, deflation: Deflation, norm_bound: float,
-                 scale: np.ndarray, counts: dict[str, int]):
+                 scale: np.ndarray, history):
         """`scale` (owned,) of MPRGP and `norm_bound` of F in it, which bounds F_cc as well.
 
-        Products with F_cc are counted in `counts`, as those of a History are.
+        Products with F_cc are counted in the History `history`.
         """
         self.operator, self.deflation, self.norm_bound = operator, deflation, norm_bound
         self.scale, self.contact_scale = scale, deflation.block.gather(scale)
-        self.counts = counts
+        self.history = history
 
     def __call__(self, y: np.ndarray, gradient: np.ndarray, limits,
                  tol: float) -> tuple[np.ndarray, np.ndarray]:
@@ -48,7 +48,7 @@ class ContactRelaxation:
                       tol=max(tol, REDUCTION * residual), norm_bound=self.norm_bound,
                       preconditioner=self.deflation.contact, max_products=LIMIT, gradient0=g,
                       expansion="cg", scale=self.contact_scale)
-        self.counts["contact_block_products"] += result.products
+        self.history.counts["contact_block_products"] += result.products
         return block.scatter(result.x, y), block.scatter(result.gradient, gradient)
 
     def relaxed(self, y: np.ndarray, gradient: np.ndarray, limits, tol: float) -> np.ndarray:

@@ -31,7 +31,7 @@ FASTEST, SLOWEST = 0.05, 0.9  # factors between changes that this relies on
 LEAST = 120  # products to come below which little is to be gained: a few hundredths of a second
 SPENT = 30  # products before which the first changes say little of the later ones
 MANY_ROWS = 2000  # from which elimination may come first; with fewer all takes tenths of a second
-# the same of a single step, which alone would pay for what QPs prepare: some hundredths
+# the same of a single step, for which alone QPs would prepare: tenths of seconds, too
 MANY_OF_ONE_STEP = 500
 # products that it may then take. The fixed point takes 50 to 100, and each as long again and again
 # for what goes with it: preconditioner, relaxation of the contact rows

@@ -44,6 +44,12 @@ class SlipState:
             factor = self.effects.coefficient_factor(self.rows.tangential_node, u_t, last)
             self.rows.coefficient = self.coefficient * factor
 
+    def largest_coefficient(self) -> np.ndarray | None:
+        """(j,) the largest friction coefficients that the step at hand may end with."""
+        if not self.effects.coefficient_changes:
+            return self.rows.coefficient
+        return self.coefficient * self.effects.largest_factor(self.rows.tangential_node)
+
     def advance(self, x: np.ndarray, gradient: np.ndarray, weights: np.ndarray,
                 scales: Scales) -> np.ndarray:
         """A step ends with multipliers x, their gradient and the factors `weights`; collective.

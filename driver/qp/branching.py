@@ -37,15 +37,15 @@ class Search:
     certain: bool
 
 
-def search_states(problem: CoulombProblem, programs: int = PROGRAMS) -> Search:
+def search_states(problem: CoulombProblem) -> Search:
     """Look for a solution in all states.
 
     In the order of depth first, deterministic. Not certain where there are more than MOST_NODES, or
-    more linear `programs` would be needed, or rounding hides a solution.
+    more than PROGRAMS linear programs would be needed, or rounding hides a solution.
     """
     if problem.n > MOST_NODES:
         return Search(None, False)
-    return _Search(problem).run(programs)
+    return _Search(problem).run()
 
 
 class _Search(Scaled):
@@ -56,12 +56,12 @@ class _Search(Scaled):
         self.signed = np.zeros(problem.n, bool)  # whether the sign of the force decides on friction
         self.signed[problem.pair] = problem.coefficient > 0
 
-    def run(self, programs: int) -> Search:
-        """The search by so many linear programs at most."""
+    def run(self) -> Search:
+        """The search."""
         pulls = self.problem.bilateral
         first = np.where(pulls & ~self.signed, PULLS, ANY)
         left, hidden = [(first, np.zeros(self.problem.m, int))], False
-        for _ in range(programs):
+        for _ in range(PROGRAMS):
             if not left:
                 return Search(None, not hidden)
             contact, rub = left.pop()

@@ -18,9 +18,8 @@ APPROXIMATIONS = 8  # of friction bounds, each a start for Newton's method
 PARTS = (1.0, 0.1, 0.01)
 BRIEFLY = 8  # Newton steps from one of many starts
 NEAR = 10  # nodes whose states differ from a solution's at most for a start to be near it
-# nodes that may change their states again and again before Newton's method settles: so many, or
-# this part of all
-A_FEW, SHARE = 4, 0.02
+A_FEW = 4  # nodes that may change their states again and again before Newton's method settles
+SHARE = 0.02  # part of all nodes that may, where it narrows
 COVERS = 4  # covering vectors Lemke's method tries
 SLACK = 1e-9  # relative violation of an inequality that is rounding
 DESCENTS = 8  # changes of a node's state on the way to a solution
@@ -41,7 +40,7 @@ def newton(problem: CoulombProblem, start: np.ndarray, most: int = NEWTON_STEPS,
     `nearly`: to the digits of factors of like states, of which a solution may lack some.
     """
     visited, seen, x = [], set(), start
-    before, fewest = None, problem.n
+    before, latest = None, problem.n
     for _ in range(most):
         visited.append(x)
         states, sign = problem.states(x), problem.signs(x)
@@ -51,9 +50,9 @@ def newton(problem: CoulombProblem, start: np.ndarray, most: int = NEWTON_STEPS,
         seen.add(key)
         if narrowing and before is not None:
             changes = np.count_nonzero(states != before)
-            if changes > max(A_FEW, SHARE * problem.n, fewest):
+            if changes > max(A_FEW, SHARE * problem.n, latest):
                 break
-            fewest = changes
+            latest = changes
         before = states
         x = nearly_in(problem, states, sign) if nearly else problem.solution_in(states, sign)
         if x is None:

@@ -209,7 +209,7 @@ class CoulombProblem:
     def moved(self, movement: np.ndarray, change: np.ndarray) -> np.ndarray:
         """`movement` (n + m,) after a change of z."""
         self.products += 1
-        if self.rows:  # symmetric: half of it has to come from memory
+        if self.rows:  # half of the symmetric matrix is read
             movement = blas.dsymv(-1.0, self.compliance.T, change[: self.rows], 1.0, movement)
         return movement + self.motions @ change[self.rows :] if self.k else movement
 

@@ -18,9 +18,9 @@ def only_solution(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | No
     """As `approached`, where a problem has one solution: by the way that takes least.
 
     Of several solutions it could end in another one. Near the solution Newton's method goes there
-    as long as ever fewer nodes change their states. Else friction bounds are given first, and
-    movements count by little: a whole surface that closes or turns is far softer than each of its
-    nodes, which would open and close in turn.
+    as long as ever fewer nodes, or few, change their states. Else friction bounds are given first,
+    and movements count by little: a whole surface that closes or turns is far softer than each of
+    its nodes, which would open and close in turn.
     """
     if not problem.coefficient.any():
         return approached(problem, start)

@@ -42,6 +42,18 @@ def test_displacement_counts_from_the_origin():
     np.testing.assert_allclose(room.coefficient_factor(nodes, u_t, np.zeros(2)), [0.75, 0.25])
 
 
+@pytest.mark.parametrize("argument, values, slid, largest", [
+    ("displacement", [0.2, 0.9, 0.5], [0.0, 3.0], [0.9, 0.9]),  # any may come
+    ("slip", [0.2, 0.9, 0.5], [0.0, 0.5], [0.9, 0.9]),
+    ("slip", [0.2, 0.9, 0.5], [1.0, 1.5], [0.9, 0.7]),  # slip does not get less
+    ("slip", [0.2, 0.9, 0.5], [2.0, 3.0], [0.5, 0.5]), ("slip", [0.2, 0.4, 0.9], [1.5, 2.0],
+                                                        [0.9, 0.9])])
+def test_the_largest_factor_is_that_of_slip_to_come(argument, values, slid, largest):
+    room = law(argument=argument, values=values)
+    room.step_ends(np.array([1, 3]), np.array(slid), np.ones(2))
+    np.testing.assert_allclose(room.largest_factor(np.array([1, 3])), largest)
+
+
 @pytest.mark.parametrize("changes", [{"argument": "time"}, {"range": 0.0}, {"values": [1.0]},
                                      {"values": [1.0, np.nan]}, {"values": [1.0, -0.1]}])
 def test_laws_that_make_no_sense_are_refused(changes):

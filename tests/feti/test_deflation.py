@@ -2,7 +2,6 @@
 and counts.
 """
 
-from collections import Counter
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,6 +14,7 @@ from driver.feti.deflation import (DeflatedPreconditioner, Deflation, Face, _jum
                                    traction_hats)
 from driver.march import shortcut
 from driver.march.relaxation import ContactRelaxation
+from driver.march.step import History
 from driver.feti.row_stiffness import row_scale, seen_stiffness
 from driver.feti.rows import RowKind
 
@@ -117,7 +117,7 @@ def test_contact_rows_of_several_vectors_are_gathered_at_once(problem, parts, mo
     assert both.tolist() == [block.gather(x).tolist(), (block.gather(x) > 5).tolist()]
     messages, rows = [], block._all.rows
     monkeypatch.setattr(block._all, "rows", lambda of: messages.append(len(of)) or rows(of))
-    relax = ContactRelaxation(problem.operator, parts[2], 1.0, np.ones(len(x)), Counter())
+    relax = ContactRelaxation(problem.operator, parts[2], 1.0, np.ones(len(x)), History())
     messages.clear()
     relax.moved(x, x, x)
     relax(x, x, (np.zeros(len(x)), np.zeros(len(x))), 1.0)
@@ -275,7 +275,7 @@ def test_relaxation_minimises_over_the_contact_multipliers(problem, parts):
     structure, rng = problem.structure, np.random.default_rng(3)
     scale = structure.row_scale
     relax = ContactRelaxation(problem.operator, deflation,
-                              1.1 * np.linalg.norm(scale[:, None] * F * scale, 2), scale, Counter())
+                              1.1 * np.linalg.norm(scale[:, None] * F * scale, 2), scale, History())
     y = rng.standard_normal(structure.dual_dofs)
     d = F @ np.abs(rng.standard_normal(structure.dual_dofs))
     contact = structure.row_kind != RowKind.GLUING

@@ -86,7 +86,7 @@ for directory in sys.argv[1:]:
     assert (structure.dual_dofs, structure.coarse_dofs) == (whole.dual_dofs, whole.coarse_dofs)
     for name in ("row_kind", "row_scale", "row_stiffness"):
         assert same(getattr(structure, name), getattr(whole, name)[own]), name
-    for name in ("outer_edges", "outer_middles", "uneven", "rigid_corners"):
+    for name in ("outer_edges", "outer_middles", "with_hats", "rigid_corners"):
         assert same(getattr(structure, name), getattr(whole, name)), name
     for name in ("row", "kind", "scale", "compliance"):
         assert same(getattr(structure.at_contact, name), getattr(whole.at_contact, name)), name

@@ -240,6 +240,7 @@ def slipping(seed: int) -> SimpleNamespace:
         of.rows.coefficient = 0.3 / (1.0 + 0.5 * np.abs(gradient[N : 2 * N]))
 
     of.slip.effects.coefficient_changes, of.slip.renew_coefficient = True, renew
+    of.slip.largest_coefficient = lambda: np.full(N, 0.3)
     of.load = load
     return of
 
@@ -291,16 +292,19 @@ def test_no_search_starts_from_multipliers_that_ran_away(monkeypatch, growth, st
 @pytest.mark.parametrize("changes, solves_at, tried", [
     (False, 2, [("followed", 0.3), ("searched", 0.3)]),
     (True, 2, [("followed", 0.2), ("followed", 0.3)]),
-    (True, 3, [("followed", 0.2), ("followed", 0.3), ("searched", 0.2)])])
+    (True, 3, [("followed", 0.2), ("followed", 0.3), ("followed", 0.4)]),
+    (True, 5, [("followed", 0.2), ("followed", 0.3), ("followed", 0.4), ("searched", 0.2),
+               ("searched", 0.3)])])
 def test_searches_come_after_the_friction_of_nodes_that_do_not_slide(monkeypatch, changes,
                                                                      solves_at, tried):
     """What takes seconds is not done while another friction, of quick methods, may do: friction is
-    0.2 by the latest slip, 0.3 without any.
+    0.2 by the latest slip, 0.3 without any, 0.4 at some displacement.
     """
     of, met = slipping(1), []
     of.slip.effects.coefficient_changes = changes
     if changes:
         of.rows.coefficient = np.full(N, 0.2)
+        of.slip.largest_coefficient = lambda: np.full(N, 0.4)
 
     def method(name):
         def solve(problem, start):
@@ -314,6 +318,49 @@ def test_searches_come_after_the_friction_of_nodes_that_do_not_slide(monkeypatch
     monkeypatch.setattr(search, "_with_own_slip", lambda problem, solution: solution)
     change, solver = search._solved_for(of.load, np.zeros(3 * N), -of.load.d)
     assert met == tried and solver == tried[-1][0] and not change.any()
+
+
+SLIDING = """include "scene.idp"
+real first = physical("first", 2e-5);
+units("m", "Pa");
+quasistatic(1.);
+int[int] floorSides = [1, 11, 21, 31], blockSides = [101, 111, 121, 131];
+mesh Floor = square(6, 2, [3.2*x, 0.8*y], label = floorSides);
+mesh Block = square(3, 3, [1. + 1.2*x, 0.8 + y], label = blockSides);
+Block = change(Block, fregion = 1);
+addBody(Floor)
+addBody(Block)
+macro young() 2e11 //
+macro poisson() 0.3 //
+macro support() on(1, u1 = 0., u2 = 0.) //
+macro load1() traction(121, 0., -2e6) //
+macro load2() traction(121, 1.2e5, 0.) //
+macro contactPair() 21, 101 //
+macro friction() 0.1 //
+real slipRange = 2e-5;
+macro displacementFactor(s) (1. - 0.6*s/slipRange) //
+macro initialX() first //
+macro amplitude1(t) 1. //
+macro amplitude2(t) (t > 0.6 ? 1. : 0.) //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("cut", [1, 3])
+def test_a_block_slides_to_where_friction_holds_it(solved, named_scene, cut):
+    """A way of 2e-5 to one side has left 0.04 of friction coefficients of 0.1, which cannot hold a
+    load of 0.06 of the weight; sliding back into the middle it comes to where they are 0.06, for
+    a block that is nearly rigid at 2e-5/1.5. To the other side there is no such place.
+    """
+    scene = named_scene("sliding", SLIDING)
+    run = solved(scene, steps=2, subdomains=cut)
+    assert run.status == 0
+    pulled = run.summary["quantities"]["tangential_resultant"]
+    assert abs(pulled) == pytest.approx(1.2 * 1.2e5, rel=1e-4)
+    place = run.contact["u_t"][-1]
+    assert np.abs(place).mean() == pytest.approx(2e-5 / 1.5, rel=0.1)
+    away = solved(scene, steps=2, subdomains=cut, first=-2e-5)
+    assert away.status == 3
 
 
 def test_a_step_is_searched_for_once(monkeypatch):

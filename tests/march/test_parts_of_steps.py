@@ -1,6 +1,5 @@
 """Parts of a time step by themselves, on rows and a dual matrix made by hand."""
 
-from collections import Counter
 from types import SimpleNamespace
 
 import constants
@@ -21,7 +20,7 @@ from driver.march.friction_qp import FrictionQP
 from driver.march.packing import packed, unpacked
 from driver.march.relaxation import ContactRelaxation
 from driver.march.slip import FAR, SlipState
-from driver.march.step import WINDOW, Trace, Unfinished
+from driver.march.step import WINDOW, History, Trace, Unfinished
 from driver.march.uniqueness import CONDENSED_NODES, FEW, SMALL, Uniqueness, too_many, worthwhile
 from driver.options import Settings
 from driver.qp import complementarity
@@ -182,14 +181,14 @@ def test_the_contact_problem_for_given_gluing_forces():
                             gathered=lambda *xs: np.array([x[near] for x in xs]),
                             apply=lambda x: F[:6, :6] @ x)
     deflation = SimpleNamespace(block=block, contact=None)
-    counts, bound = Counter(), 2 * np.linalg.norm(scale[:, None] * F * scale, 2)
-    relaxation = ContactRelaxation(SimpleNamespace(dot=np.dot), deflation, bound, scale, counts)
+    history, bound = History(), 2 * np.linalg.norm(scale[:, None] * F * scale, 2)
+    relaxation = ContactRelaxation(SimpleNamespace(dot=np.dot), deflation, bound, scale, history)
     y = np.random.default_rng(5).standard_normal(9)
     gradient = F @ y - d
     x, g = relaxation(y, gradient, (lower, upper), 1e-12)
     np.testing.assert_array_equal(x[6:], y[6:])
     np.testing.assert_allclose(g[:6], (F @ x - d)[:6], atol=1e-10)
-    assert (x >= lower).all() and (x <= upper).all() and counts["contact_block_products"] > 0
+    assert (x >= lower).all() and (x <= upper).all() and history.counts["contact_block_products"] > 0
     left = projected_gradient(x, F @ x - d, lower, upper)[:6]
     start = np.r_[np.clip(y, lower, upper)[:6], y[6:]]
     whole = np.r_[projected_gradient(start, F @ start - d, lower, upper)[:6], gradient[6:]]

@@ -123,7 +123,8 @@ def test_branch_and_bound_knows_its_limits(monkeypatch):
                     if has_solution(problem))
     hidden = branching.search_states(solvable)  # states obey every law, but nothing is exact
     assert hidden.solution is None and not hidden.certain
-    found = branching.search_states(problem, 1)
+    monkeypatch.setattr(branching, "PROGRAMS", 1)
+    found = branching.search_states(problem)
     assert found.solution is None and not found.certain
 
 
