@@ -188,7 +188,8 @@ def test_the_contact_problem_for_given_gluing_forces():
     x, g = relaxation(y, gradient, (lower, upper), 1e-12)
     np.testing.assert_array_equal(x[6:], y[6:])
     np.testing.assert_allclose(g[:6], (F @ x - d)[:6], atol=1e-10)
-    assert (x >= lower).all() and (x <= upper).all() and history.counts["contact_block_products"] > 0
+    assert (x >= lower).all() and (x <= upper).all()
+    assert history.counts["contact_block_products"] > 0
     left = projected_gradient(x, F @ x - d, lower, upper)[:6]
     start = np.r_[np.clip(y, lower, upper)[:6], y[6:]]
     whole = np.r_[projected_gradient(start, F @ start - d, lower, upper)[:6], gradient[6:]]
