@@ -54,6 +54,7 @@ def test_what_makes_qps_quick_knows_what_rows_yield_whenever_it_is_made(built):
             assert qp.accelerators
         if soft:
             qp.soften(softness)
+        qp.bound *= 2  # as MPRGP does where it was too small, and a resumed run begins with
         applied = qp.accelerators.preconditioner(residual, residual < 0.5)
         operator.softness = None
         return applied, qp.accelerators.relaxation.norm_bound

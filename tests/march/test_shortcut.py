@@ -7,11 +7,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from driver.effects import Effects
 from driver.errors import NotConverged
 from driver.march import globalization, shortcut
 from driver.march.condensation import Condensation
+from driver.march.quasistatic import QuasistaticSolver
 from driver.march.shortcut import Shortcut
 from driver.march.step import History, Trace
+from driver.options import Settings
 
 # the rubber block dragged at once: friction bounds settle slowly as all nodes slide
 DRAGGED = {"h": 0.8, "element": "P2", "subdomains": 4, "without": "quasistatic"}
@@ -130,10 +133,15 @@ def test_it_comes_first_where_many_rows_are_cheap_to_eliminate(decided, monkeypa
     assert not first()
 
 
-@pytest.mark.parametrize("steps", [1, 2])
-def test_what_a_single_step_is(built, steps_of, steps):
-    solver, _ = steps_of(built(cells=2, steps=steps))
-    assert solver.fixed_point.shortcut.single == (steps == 1)
+@pytest.mark.parametrize("steps, cycles, single", [
+    (1, None, True), (2, None, False), (1, SimpleNamespace(join=lambda solver: None), False)])
+def test_what_a_single_step_is(built, steps, cycles, single):
+    """None that is repeated."""
+    problem = built(cells=2, steps=steps)
+    solver = QuasistaticSolver(
+        problem.operator, Effects(problem.manifest), problem.manifest.factors,
+        np.linspace(0, 1, steps + 1), Settings(), cycles)
+    assert solver.fixed_point.shortcut.single == single
 
 
 def test_what_has_no_contact_has_nothing_to_eliminate_for(solved, monkeypatch):
