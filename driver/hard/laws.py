@@ -14,6 +14,7 @@ from .oracle import Assembled
 ROUNDINGS = 4  # random ones of the stiffness
 ROUNDED = 4 * np.finfo(float).eps  # of a place, where nothing deforms
 RESTS = 1e-6  # of the deformation: a gap that counts as closed, the accuracy of displacements
+NOTHING = 1e-12  # part of the largest force on any body below which others are its rounding
 NEARLY = 0.1  # part of a tangent beyond the normals where those of a mortar side depend nearly
 
 
@@ -164,11 +165,13 @@ def violations(body: Assembled, manifest, contact: dict,
 def sizes(body: Assembled, force: np.ndarray) -> np.ndarray:
     """(modes,) work of forces of the sizes `force` (dofs,) on free motions, in any direction.
 
-    What is across a motion does none, but for rounding.
+    What is across a motion does none, but for rounding. Nor does what acts on other bodies, but for
+    rounding of that: a body that nothing presses has forces of 1e-18 of the others.
     """
     dofs, modes = body.motions.shape
     far = np.linalg.norm(body.motions.reshape(dofs // 2, 2, modes), axis=1)
-    return far.T @ np.linalg.norm(force.reshape(-1, 2), axis=1)
+    acting = np.linalg.norm(force.reshape(-1, 2), axis=1)
+    return far.T @ acting + NOTHING * acting.max(initial=0.0) * far.max(axis=0, initial=0.0)
 
 
 def rounding(body: Assembled, manifest, contact: dict) -> np.ndarray:

@@ -661,6 +661,14 @@ def test_an_interrupt_of_the_command_alone_ends_its_processes(after, tmp_path):
     assert str(tmp_path) not in working.stdout and not (tmp_path / "hard" / "runs").exists()
 
 
+def test_forces_on_other_bodies_count_by_their_rounding():
+    """A node that may move and one of another body, under forces of three and of a million."""
+    body = SimpleNamespace(motions=np.array([[0.0], [2.0], [0.0], [0.0]]))
+    assert laws.sizes(body, np.array([3.0, 0.0, 0.0, 0.0])) == pytest.approx([6.0], rel=1e-11)
+    alone = laws.sizes(body, np.array([0.0, 0.0, 1e6, 0.0]))
+    assert 1e6 * np.finfo(float).eps < alone < 1e6 * 1e-11
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [
     110062, 120033, 28,  # carried without force
@@ -681,7 +689,9 @@ def test_an_interrupt_of_the_command_alone_ends_its_processes(after, tmp_path):
     20000486, 20000546,  # a corner whose state was wrong, very soft springs
     150000115,  # middles of quadratic sides that move far, no scale
     150000121,  # a slit whose lips hide the loads
-    100000786])  # forces that have faded
+    100000786,  # forces that have faded
+    490000150,  # friction that displacements change holds a disc where it slides to
+    510000190])  # forces of 1e-18 of the others on a body that nothing presses
 def test_scenes_that_failed_once(seed, tmp_path):
     assert random.judge(seed, tmp_path).status == "solved"
 
