@@ -318,13 +318,17 @@ class Effects:
 
     def coefficient_factor(self, nodes, u_t, last) -> np.ndarray:
         """(j,) factor of the friction coefficients; see Effect."""
-        changing = [room for room in self if room.changes_coefficient]
-        return np.prod([room.coefficient_factor(nodes, u_t, last) for room in changing], axis=0)
+        return np.prod([room.coefficient_factor(nodes, u_t, last) for room in self._changing],
+                       axis=0)
 
     def largest_factor(self, nodes) -> np.ndarray:
         """(j,) the largest factor that the step at hand may end with; see Effect."""
-        changing = [room for room in self if room.changes_coefficient]
-        return np.prod([room.largest_factor(nodes) for room in changing], axis=0)
+        return np.prod([room.largest_factor(nodes) for room in self._changing], axis=0)
+
+    @property
+    def _changing(self) -> list[Effect]:
+        """The effects that change friction coefficients."""
+        return [room for room in self if room.changes_coefficient]
 
     def prepare(self, contact) -> None:
         """Allocate what effects carry from step to step."""

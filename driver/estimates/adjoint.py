@@ -241,10 +241,9 @@ class Adjoint:
         if not operator.modes:
             return x, np.zeros(0)
         work = np.zeros((structure.total, operator.modes))
-        for s, sub in enumerate(structure.subdomains if forces is not None else ()):
-            for k, mode in enumerate(structure.rigid_modes):
-                if sub.index in mode.members:
-                    work[sub.index, k] = forces[s] @ mode.displacement(sub.xy).ravel()
+        for k, mode in enumerate(structure.rigid_modes if forces is not None else ()):
+            for sub, force, moved in zip(structure.subdomains, forces, mode.fields(structure)):
+                work[sub.index, k] = force @ moved
         applied = np.sum(operator.comm.allgather(work), axis=0).sum(axis=0)
         missing = applied - [operator.dot(motion, x) for motion in operator.motions]
         taken, each = self.free

@@ -55,7 +55,7 @@ def left_alone(share: np.ndarray, counted: np.ndarray) -> np.ndarray:
     where they are more than MOST_ALONE.
     """
     alone = np.flatnonzero(share < SOFTER * counted)
-    return alone[: len(alone) if len(alone) <= MOST_ALONE else 0]
+    return alone if len(alone) <= MOST_ALONE else alone[:0]
 
 
 def _in_series(contact, stiffness: np.ndarray) -> np.ndarray:

@@ -262,12 +262,13 @@ class CondensedSearch:
         come after all, and once a step: they hardly depend on where it starts.
         """
         solver, tried = "", self._frictions(gradient)
-        for solve in (globalization.followed, globalization.searched):
+        ways = (globalization.followed, tried), (globalization.searched, tried[:2])
+        for solve, coefficients in ways:
             if solve is globalization.searched:
                 if self._in_vain is load:
                     break
                 self._in_vain = load
-            for self.rows.coefficient in tried[: 3 if solve is globalization.followed else 2]:
+            for self.rows.coefficient in coefficients:
                 try:
                     problem = self.condensation.problem(load, x, gradient)
                 except NotConverged:

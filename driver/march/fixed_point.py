@@ -124,7 +124,7 @@ class FixedPoint:
         if self.settings.corrector == "contact":
             relaxation = self.qp.accelerators.relaxation
             if relaxation is not None:
-                start = self._correct(load, start, relaxation.moved(start, x, gradient))
+                start = self._correct(load, start, relaxation.moved(start, x, gradient), relaxation)
             elif self.condensation.whole and not self.rows.bound_is_given:
                 x, gradient = self.qp.placed(start, load.d, x, gradient)
                 return self.condensation.solution(load, x, gradient, sliding) or (x, gradient)
@@ -132,7 +132,7 @@ class FixedPoint:
             gradient = gradient - (load.d - before)
         return self.qp.placed(start, load.d, x, gradient)
 
-    def _correct(self, load: Load, x, gradient):
+    def _correct(self, load: Load, x, gradient, relaxation):
         """x with the contact multipliers that solve contact and friction, gluing ones unchanged.
 
         Successive approximations as in `find`, with F_cc for F, and bodies without support follow
@@ -141,7 +141,6 @@ class FixedPoint:
         rows. Where they do not settle: the best of them.
         """
         rows, qp, aim, patterns = self.rows, self.qp, None, self.operator.structure.patterns
-        relaxation = qp.accelerators.relaxation
         for _ in range(CORRECTIONS):
             limits, bound = rows.limits(self.operator.owned, x), rows.friction_bound(x)
             residual = projected_gradient(x, gradient, *limits)

@@ -132,33 +132,42 @@ class Residuals:
     def _missing(self, x: np.ndarray, gradient: np.ndarray) -> float:
         """Norm of the contact forces that are missing, over that of all.
 
-        Where gluing rows have been eliminated those of a step of Newton's method, else those that
-        the preconditioner finds. The inverse of F, for which it stands, makes stiff parts of the
-        body count by their stiffness. Contact forces that are nothing beside the body's count by
-        FADED times these: its multipliers, and the least forces that make the displacements to be
-        overcome. In a state without any contact force what it leaves out is relative to those of
-        the steps before: by as much as they were asked for their own are unknown, and with them the
-        slip that a later step starts from. Where nothing has pressed yet, gluing forces may be
-        rounding as well (a body that expands freely); then, and without a preconditioner, it is the
-        projected gradient relative to what the QP's tolerance is.
+        The inverse of F makes stiff parts of the body count by their stiffness. Contact forces that
+        are nothing beside the body's count by FADED times these: its multipliers, and the least
+        forces that make the displacements to be overcome. In a state without any contact force what
+        it leaves out is relative to those of the steps before: by as much as they were asked for
+        their own are unknown, and with them the slip that a later step starts from. Where nothing
+        has pressed yet, gluing forces may be rounding as well (a body that expands freely); then,
+        and without a preconditioner, it is the projected gradient relative to what the QP's
+        tolerance is.
         """
         op, qp, scales = self.operator, self.qp, self.scales
-        limits = self.rows.limits(op.owned, x)
-        projected = projected_gradient(x, gradient, *limits)
+        projected = projected_gradient(x, gradient, *self.rows.limits(op.owned, x))
         own = self._size(x)
         scales.renew(pressing=own, forces=np.sqrt(op.dot(x, x)))
-        missing = None
-        if scales.pressing > 0 and self.condensation.eliminated:
-            missing = self.condensation.correction(x, gradient)
+        missing = self._forces_to(x, gradient, projected) if scales.pressing > 0 else None
         if missing is None:
-            preconditioner = qp.accelerators.preconditioner if scales.pressing > 0 else None
-            if preconditioner is None:
-                return qp.size(projected) / (scales.d or 1.0)
-            # with the rows that would leave their bounds
-            free = (x != limits[0]) & (x != limits[1]) | (projected != 0)
-            missing = preconditioner(np.where(free, projected, 0.0), free)
+            return qp.size(projected) / (scales.d or 1.0)
         others = max(scales.forces, scales.largest.get("forces", 0.0), scales.d / qp.bound)
         whole = max(scales.pressing, FADED * others)
         if not own:
             whole = max(whole, scales.largest.get("pressing", 0.0))
         return self._size(missing) / whole
+
+    def _forces_to(self, x: np.ndarray, gradient: np.ndarray,
+                   projected: np.ndarray) -> np.ndarray | None:
+        """(owned,) multipliers, of contact rows at least, that would take the `projected` gradient.
+
+        Where gluing rows have been eliminated those of a step of Newton's method. Else, or if its
+        system is singular, those of the preconditioner; None without one.
+        """
+        if self.condensation.eliminated:
+            correction = self.condensation.correction(x, gradient)
+            if correction is not None:
+                return correction
+        preconditioner, limits = self.qp.accelerators.preconditioner, self.rows.limits(len(x), x)
+        if preconditioner is None:
+            return None
+        # with the rows that would leave their bounds
+        free = (x != limits[0]) & (x != limits[1]) | (projected != 0)
+        return preconditioner(np.where(free, projected, 0.0), free)

@@ -12,6 +12,7 @@ from driver.estimates import adjoint, refinement
 from driver.estimates.adjoint import Adjoint
 from driver.estimates.companions import Companions, _whole
 from driver.estimates.levels import Levels, samples
+from driver.feti.rigid_modes import RigidMode
 from driver.options import Settings
 
 NODES, OWNED = 4, 10  # normal rows, then tangential ones, then two that glue
@@ -99,10 +100,10 @@ def test_the_adjoint_of_a_displacement_is_a_unit_force_where_it_is_largest():
 def test_forces_on_free_bodies_are_balanced_by_motions():
     """Multipliers that take a motion off the rows, as much as the work of forces misses."""
     motion = np.random.default_rng(3).standard_normal(OWNED)
-    mode = SimpleNamespace(members=[7], displacement=lambda xy: np.tile([2.0, 0.0], (len(xy), 1)))
-    subs = [SimpleNamespace(index=7, xy=np.zeros((2, 2))), SimpleNamespace(index=8, xy=None)]
+    mode = RigidMode(0, np.array([0]), np.zeros(2), np.array([2.0, 0.0]), 0.0)
+    subs = [SimpleNamespace(index=7, xy=np.zeros((2, 2))), SimpleNamespace(index=8, dofs=4)]
     of = frozen([STICK] * 4, modes=1, motions=[motion], structure=SimpleNamespace(
-        patterns=1, total=9, rigid_modes=[mode], subdomains=subs))
+        patterns=1, total=9, first=0, rigid_modes=[mode], subdomains=subs))
     of.free = of._moved_freely()
     x = np.random.default_rng(4).standard_normal(OWNED)
     for forces in (None, [np.array([3.0, 9, 1, 9]), np.full(4, 99.0)]):
