@@ -188,6 +188,13 @@ def silenced():
         os.close(nowhere)
 
 
+def give_back_memory() -> None:
+    """Return freed memory to the system: glibc keeps what factorizations leave, for other sizes."""
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # other C libraries have none
+    if trim is not None:
+        trim(0)
+
+
 def prepare_numpy() -> None:
     """Let a shortage of memory end in an error, whenever it comes. Raises MemoryError.
 

@@ -10,7 +10,7 @@ from mpi4py import MPI
 from scipy.sparse import coo_matrix
 
 from driver.feti.operator import DualOperator
-from driver.scene.loader import ContactData, Subdomain
+from driver.scene.subdomain import ContactData, Subdomain, row_start
 from driver.scene.manifest import Manifest
 from driver.options import Settings
 from driver.march.quasistatic import QuasistaticSolver
@@ -193,7 +193,7 @@ class Scene:
             edges=edges[:, :2], edge_label=edges[:, 2], elasticity=elasticity, thermal={},
             sigma_zz=lam,
             dof_node=np.arange(2 * len(gid)) // 2, dof_component=np.arange(2 * len(gid)) % 2,
-            rows=rows, columns=columns,
+            row_start=row_start(rows, 2 * len(gid)), columns=columns,
             values=values, loads=loads, edge_loads={}, body_loads={}, fixed=fixed,
             fixed_values=np.zeros((len(self.tractions), len(fixed))),
             contact=self._contact_data(outer, xy, gid))

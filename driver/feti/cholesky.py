@@ -21,7 +21,7 @@ import numpy as np
 from cvxopt import amd, cholmod, matrix, spmatrix
 from petsc4py import PETSc
 from scipy.linalg import lapack, solve_triangular
-from scipy.sparse import coo_matrix
+from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from ..errors import NoSolution
@@ -45,8 +45,8 @@ class TornFactor:
         self._K, self._torn, self._inner = K, torn, int((~seen).sum())
         inner = np.flatnonzero(~seen)
         self._order = np.append(inner[_fill_reducing(K, torn[inner])], np.flatnonzero(seen))
-        # the first columns of L, transposed as PETSc solves with them; torn dofs in the order of L
-        self._upper = self._place = None
+        # the first columns of L, and the torn dofs in its order
+        self._columns = self._place = None
         # of its last rows L_tt, half a matrix in LAPACK's rectangular full packed format, and L_ct
         self._packed = self._coupling = None
 
@@ -62,7 +62,7 @@ class TornFactor:
         self._place = self._order[places[: size - n_c]]
         whole = cholmod.getfactor(factor)
         L, n_t = _last_rows(whole, size - self._inner), size - self._inner - n_c
-        self._upper = _upper(whole, self._inner)
+        self._columns = _FirstColumns(whole, self._inner, order[places] // 2)
         L_tt, L_ct, L_cc = L[:n_t, :n_t], L[n_t:, :n_t], L[n_t:, n_t:]
         self._packed, self._coupling = _packed(L_tt), L_ct.copy()
         schur = L_cc @ L_cc.T - np.diag(added[size - n_c :])
@@ -72,18 +72,16 @@ class TornFactor:
         """K_rr^-1 times the columns of `right` (n_r, k)."""
         if not right.size:
             return np.zeros_like(right)
-        if self._upper is None:
+        if self._columns is None:
             self.reduced(np.empty(0, int))
         none = np.zeros(len(self._coupling))
         return np.column_stack([self.backward(self.forward(column), none) for column in right.T])
 
     def forward(self, right: np.ndarray) -> np.ndarray:
         """L^-1 times `right` (n_r,), which is zero on the corners, in the order of L."""
-        x, y = self._upper.createVecs()
         torn = len(self._place)
-        x.array[:torn], x.array[torn:] = right[self._place], 0.0
-        self._upper.solveTranspose(x, y)
-        result = y.array[:torn].copy()
+        whole = np.append(right[self._place], np.zeros(len(self._coupling)))
+        result = self._columns.forward(whole)[:torn]
         result[self._inner :] = self._on_rows(result[self._inner :])
         return result
 
@@ -104,14 +102,50 @@ class TornFactor:
 
         K_rc comes in by the rows of L at the corners.
         """
-        y, x = self._upper.createVecs()
         torn, solution = len(self._place), np.empty(len(self._place))
         rows = forward[self._inner :] - self._coupling.T @ corner
-        y.array[: self._inner] = forward[: self._inner]
-        y.array[self._inner : torn], y.array[torn:] = self._on_rows(rows, "T"), corner
-        self._upper.solve(y, x)
-        solution[self._place] = x.array[:torn]
+        whole = np.concatenate([forward[: self._inner], self._on_rows(rows, "T"), corner])
+        solution[self._place] = self._columns.backward(whole)[:torn]
         return solution
+
+
+class _FirstColumns:
+    """The first columns of L, to solve with; beyond them it is the identity here.
+
+    Transposed, and in blocks of the two dofs of a node: indices take a quarter of the memory. A dof
+    whose node's other one is not beside it has an unknown of its own there that is zero.
+    """
+
+    def __init__(self, L: spmatrix, inner: int, node: np.ndarray):
+        """The first `inner` columns of L (n, n); `node` (n,) of every row."""
+        self._place, lone = _pairs(node)
+        first, row, value = (np.asarray(part).ravel() for part in L.CCS)
+        end = int(first[inner])
+        # what has no entry yet: rows from `inner` on, and places beside lone dofs
+        own = np.sort(np.append(self._place[inner:], lone))
+        at = first[np.minimum(np.searchsorted(self._place, own), inner)]
+        column = np.insert(self._place[row[:end]], at, own)
+        value = np.insert(value[:end], at, 1.0)
+        size = len(node) + len(lone)
+        count = np.ones(size, int)
+        count[self._place[:inner]] = np.diff(first[: inner + 1])
+        csr = csr_matrix((value, column, np.append(0, np.cumsum(count))), (size, size))
+        self._upper = _in_blocks(csr)
+
+    def forward(self, right: np.ndarray) -> np.ndarray:
+        """L^-1 times `right` (n,)."""
+        return self._solved(self._upper.solveTranspose, right)
+
+    def backward(self, right: np.ndarray) -> np.ndarray:
+        """L^-T times `right` (n,)."""
+        return self._solved(self._upper.solve, right)
+
+    def _solved(self, solve, right: np.ndarray) -> np.ndarray:
+        x, y = self._upper.createVecs()
+        x.array[:] = 0.0
+        x.array[self._place] = right
+        solve(x, y)
+        return y.array[self._place]
 
 
 def _factorized(lower: spmatrix, extra: np.ndarray | None = None):
@@ -166,20 +200,32 @@ def _packed(L: np.ndarray) -> np.ndarray | None:
     return lapack.dtrttf(L, uplo="L")[0] if len(L) else None
 
 
-def _upper(L: spmatrix, inner: int) -> PETSc.Mat:
-    """The transpose of the first `inner` columns of L, to solve with; beyond it is the identity.
+def _pairs(node: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) places of rows that make those of a `node` (n,) beside one another blocks of two.
 
-    ILU(0) has nothing to eliminate in it and works in place.
+    And those (k,) that are left beside rows whose node has none beside them.
     """
-    first, row, value = (np.asarray(part).ravel() for part in L.CCS)
-    end, last = int(first[inner]), np.arange(inner, L.size[0])
-    csr = (np.append(first[:inner], end + np.arange(len(last) + 1)).astype(PETSc.IntType),
-           np.append(row[:end], last).astype(PETSc.IntType),
-           np.append(value[:end], np.ones(len(last))))
-    upper = PETSc.Mat().createAIJWithArrays(L.size, csr, comm=PETSc.COMM_SELF)
-    order = PETSc.IS().createStride(L.size[0], first=0, step=1, comm=PETSc.COMM_SELF)
-    upper.factorILU(order, order)
-    return upper
+    first, begin = np.ones(len(node), bool), np.flatnonzero(np.diff(node, prepend=-1))
+    length = np.diff(np.append(begin, len(node)))
+    first[begin[length == 2] + 1] = False
+    block = np.cumsum(first) - 1
+    place = 2 * block + ~first
+    return place, np.setdiff1d(np.arange(2 * (block.max(initial=-1) + 1)), place)
+
+
+def _in_blocks(upper: csr_matrix) -> PETSc.Mat:
+    """An upper triangular matrix as PETSc solves with it, in blocks of two rows and columns.
+
+    ILU(0) has nothing to eliminate in it but in the blocks of its diagonal, and works in place.
+    """
+    blocks = upper.tobsr((2, 2))
+    blocks.sort_indices()
+    csr = (blocks.indptr.astype(PETSc.IntType), blocks.indices.astype(PETSc.IntType),
+           blocks.data.ravel())
+    mat = PETSc.Mat().createBAIJ(upper.shape, 2, csr=csr, comm=PETSc.COMM_SELF)
+    order = PETSc.IS().createStride(upper.shape[0], first=0, step=1, comm=PETSc.COMM_SELF)
+    mat.factorILU(order, order)
+    return mat
 
 
 def _backward(L: np.ndarray, right: np.ndarray) -> np.ndarray:

@@ -202,20 +202,23 @@ class GluingElimination:
         tree, comm, error = self._tree, self._operator.comm, None
         parts, way, C = self._matrices(), Handover(comm), None
         for front in self._turn[self._owner[self._turn] == comm.rank].tolist():
-            left = {child: self._left(way, child) for child in tree.children[front]}
-            index, matrix = _assembled(parts[front] + list(left.values()))
-            parts[front] = None
-            if front == len(tree.fronts):  # the contact rows, each of which has a subdomain
-                C = np.ascontiguousarray(matrix)
+            left = [self._left(way, child) for child in tree.children[front]]
+            rests = {child: rest for child, (rest, _) in zip(tree.children[front], left)}
+            parts[front] += left
+            del left  # matrices are given back one by one, as they are added
+            last = front == len(tree.fronts)  # the contact rows, each of which has a subdomain
+            count = 0 if last else tree.pivots[front].sum()
+            index, columns, matrix = _assembled(parts[front], count)
+            if last:
+                C = matrix
                 break
-            places = {child: np.searchsorted(index, rest) for child, (rest, _) in left.items()}
-            del left
-            count = tree.pivots[front].sum()
+            places = {child: np.searchsorted(index, rest) for child, rest in rests.items()}
             try:
-                matrix = self._eliminated_front(front, index, matrix, places)
+                matrix = self._eliminated_front(front, index, columns, matrix, places)
             except NotConverged as problem:  # what waits for this front must not wait for ever
                 error, matrix = problem, np.full([len(index) - count] * 2, np.nan)
             way.give(front, self._owner[tree.parent[front]], index[count:], matrix)
+            del columns, matrix
         way.finish()
         agree(comm, error)
         C = np.empty([self._last] * 2) if C is None else C
@@ -229,9 +232,9 @@ class GluingElimination:
         size = self._tree.fronts[child].size - self._tree.fronts[child].pivots
         return way.taken(child, self._owner[child], np.empty(size, int), np.empty((size, size)))
 
-    def _eliminated_front(self, front: int, index: np.ndarray, matrix: np.ndarray,
-                          places: dict[int, np.ndarray]) -> np.ndarray:
-        """What is left of the front's `matrix` (n, n); its factors are kept.
+    def _eliminated_front(self, front: int, index: np.ndarray, columns: np.ndarray,
+                          rest: np.ndarray, places: dict[int, np.ndarray]) -> np.ndarray:
+        """What is left of the front with these `columns` and this `rest`; its factors are kept.
 
         `places` are those of what its children leave, in its `index` (n,). Raises NotConverged.
         """
@@ -240,70 +243,82 @@ class GluingElimination:
         places = {child: place[place < inner] for child, place in places.items()}
         places = {child: place for child, place in places.items() if len(place)}
         factors, first = Factors(index[:inner], pivots.sum(), places), 0
-        parts, matrix = _eliminated(matrix, pivots)
+        parts, left = _eliminated(columns, rest, pivots)
         for part in parts:
             first += len(part.pivots)
             part.rest = part.rest[:, : inner - first].copy()
         factors.parts = [part for part in parts if len(part.pivots)]
         self._factors[front] = factors
-        return matrix
+        return left
 
 
-def _assembled(parts: list[tuple]) -> tuple[np.ndarray, np.ndarray]:
-    """Ascending index and lower triangle of the sum of matrices with indices of their own.
+def _assembled(parts: list[tuple], count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Ascending index (n,) and lower triangle of the sum of matrices with indices of their own.
 
-    `parts` are pairs of index and matrix, or what makes it; they are taken out one by one.
+    Of this the first `count` columns (n, count) and what is left beside them, which so needs no
+    copy. `parts` are pairs of index and matrix, or what makes it; they are taken out one by one.
     """
     index = np.unique(np.concatenate([np.empty(0, int), *(part for part, _ in parts)]))
-    total = None
+    if not count and len(parts) == 1 and not callable(parts[0][1]):  # all that contact rows have
+        return index, np.empty((len(index), 0)), parts.pop()[1]
+    columns, rest = np.zeros((len(index), count)), np.zeros([len(index) - count] * 2)
     while parts:
         part, matrix = parts.pop()
-        if callable(matrix):
-            matrix = matrix()
-        if total is None and len(part) == len(index):
-            total = matrix
-            continue
-        total = np.zeros((len(index),) * 2) if total is None else total
-        _add(total, np.searchsorted(index, part), matrix)
-    return index, np.empty((0, 0)) if total is None else total
+        _add(columns, rest, np.searchsorted(index, part), matrix() if callable(matrix) else matrix)
+    return index, columns, rest
 
 
-def _add(total: np.ndarray, place: np.ndarray, matrix: np.ndarray) -> None:
-    """Add the lower triangle of `matrix` (n, n) to rows and columns `place` (n,) of `total`.
+def _add(columns: np.ndarray, rest: np.ndarray, place: np.ndarray, matrix: np.ndarray) -> None:
+    """Add the lower triangle of `matrix` (m, m) to rows and columns `place` (m,) of another one.
 
-    Unknowns of a group lie beside one another, so that blocks are added, and few of them.
+    It has the first `columns` (n, k) and beside them the `rest` (n - k, n - k). Unknowns of a group
+    lie beside one another, so that blocks are added, and few of them.
     """
+    count = columns.shape[1]
+    inner = int(np.searchsorted(place, count))
     ends = np.flatnonzero(np.diff(place) > 1) + 1
     if A_BLOCK * len(ends) ** 2 > matrix.size:
-        total[np.ix_(place, place)] += matrix
+        beyond = place[inner:] - count
+        columns[np.ix_(place, place[:inner])] += matrix[:, :inner]
+        rest[np.ix_(beyond, beyond)] += matrix[inner:, inner:]
         return
+    ends = np.union1d(ends, [inner] if 0 < inner < len(place) else []).astype(int)
     blocks = [(slice(i, j), slice(p, p + j - i)) for i, j, p in
               zip([0, *ends], [*ends, len(place)], place[[0, *ends]])]
     for k, (rows, to) in enumerate(blocks):
-        for columns, beside in blocks[: k + 1]:
-            total[to, beside] += matrix[rows, columns]
+        for across, beside in blocks[: k + 1]:
+            if beside.start < count:
+                columns[to, beside] += matrix[rows, across]
+            else:
+                rest[_before(to, count), _before(beside, count)] += matrix[rows, across]
 
 
-def _eliminated(matrix: np.ndarray, pivots: np.ndarray) -> tuple[list[Factor], np.ndarray]:
+def _before(places: slice, count: int) -> slice:
+    """`places` counted from `count` on."""
+    return slice(places.start - count, places.stop - count)
+
+
+def _eliminated(columns: np.ndarray, rest: np.ndarray,
+                pivots: np.ndarray) -> tuple[list[Factor], np.ndarray]:
     """The factors of the first `pivots` (2,) unknowns, positive and negative definite ones, and
-    what their elimination leaves of the rest (r, r).
+    what their elimination leaves of the others (r, r).
 
-    Of `matrix` (n, n), which is used up, and of what is left the lower triangle counts. Raises
+    `columns` (n, n - r) are those of the pivots and `rest` (r, r) is what is beside them; both are
+    used up. Of the matrix that they make, and of what is left, the lower triangle counts. Raises
     NotConverged.
     """
-    parts, first, count = [], 0, int(pivots.sum())
+    parts, first, (size, count), left = [], 0, columns.shape, rest
     for m, sign in zip(pivots, (1.0, -1.0)):
         end = first + m
-        factor, failed = lapack.dpotrf(sign * matrix[first:end, first:end], lower=1) if m else (
+        factor, failed = lapack.dpotrf(sign * columns[first:end, first:end], lower=1) if m else (
             np.empty((0, 0)), 0)
         if failed or not np.isfinite(factor.diagonal()).all():
             raise NotConverged("the contact compliance: gluing conditions could not be eliminated")
-        rest = solve_triangular(factor, matrix[end:, first:end].T, lower=True, check_finite=False
-                                ) if m and end < len(matrix) else np.zeros((m, len(matrix) - end))
-        matrix[end:, end:count] -= sign * (rest.T @ rest[:, : count - end])  # pivots to come
-        parts.append(Factor(sign, factor, rest))
+        below = solve_triangular(factor, columns[end:, first:end].T, lower=True, check_finite=False
+                                 ) if m and end < size else np.zeros((m, size - end))
+        columns[end:, end:] -= sign * (below.T @ below[:, : count - end])  # pivots to come
+        parts.append(Factor(sign, factor, below))
         first = end
-    left = matrix[count:, count:].copy()
     for part in parts:
         if left.size and len(part.pivots):
             # its lower triangle is the upper one of the transpose, which BLAS takes as it is

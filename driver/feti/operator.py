@@ -23,6 +23,7 @@ wherever it lives, and the coarse problem is solved on every rank or by groups o
 
 import numpy as np
 
+from ..environment import give_back_memory
 from ..errors import NoSolution, agree
 from . import free_motions
 from .blocks import BlockDiagonal
@@ -82,6 +83,7 @@ class DualOperator(DualProblem):
         self._least = LeastDeformation(structure, self.classes, comm)
         self._latest = None  # multipliers, weights and their fields, see `deformations`
         self._fields = None  # displacements under every load pattern, see `renew`
+        give_back_memory()
 
     def _lay_out(self) -> None:
         """Local rows of all classes, and products with their matrices."""

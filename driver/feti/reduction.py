@@ -91,7 +91,7 @@ def group(structure: Substructure, comm) -> list[tuple[list[int], np.ndarray, bo
     """
     keys, patterns = [], {}
     for s, sub in enumerate(structure.subdomains):
-        same = id(sub.rows), id(sub.columns), id(sub.values)  # shared if found equal by the loader
+        same = id(sub.row_start), id(sub.columns), id(sub.values)  # shared if found equal by the loader
         pattern = patterns.get(same) or patterns.setdefault(same, _pattern(sub))
         keys.append(_fingerprint(structure, s, pattern))
     open_, classes = list(range(len(keys))), []
@@ -167,7 +167,7 @@ def _same(values: np.ndarray, others: np.ndarray) -> bool:
 def _pattern(sub: Subdomain) -> bytes:
     """Digest that subdomains with equal stiffness share: its sparsity and first digits."""
     digest = hashlib.sha1(f"{np.linalg.norm(sub.values):.5e}".encode())
-    digest.update(sub.rows.tobytes())
+    digest.update(sub.row_start.tobytes())
     digest.update(sub.columns.tobytes())
     return digest.digest()
 

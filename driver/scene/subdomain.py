@@ -33,11 +33,10 @@ class Subdomain:
 
     Its n_v nodes are the vertices of the mesh and, with quadratic elements, the middles of the
     edges, straight if not `curved`, and, with P2-mixed, the centroids. `dof_node` and
-    `dof_component` give node and displacement component of every dof; `rows`, `columns`, `values`
-    are the pure Neumann stiffness, with that of `springs`, in coordinate form, both triangles,
-    sorted by rows. Of `thermal`,
-    `edge_loads` and `body_loads` the keys are the patterns that are given as initial stress, on
-    edges and on triangles.
+    `dof_component` give node and displacement component of every dof; `row_start`, `columns`,
+    `values` are the pure Neumann stiffness, with that of `springs`, both triangles, row after row.
+    Of `thermal`, `edge_loads` and `body_loads` the keys are the patterns that are given as initial
+    stress, on edges and on triangles.
     """
 
     index: int
@@ -57,7 +56,7 @@ class Subdomain:
     sigma_zz: np.ndarray | None
     dof_node: np.ndarray
     dof_component: np.ndarray
-    rows: np.ndarray
+    row_start: np.ndarray  # (dofs + 1,)
     columns: np.ndarray
     values: np.ndarray
     loads: np.ndarray  # (patterns, dofs)
@@ -80,6 +79,11 @@ class Subdomain:
     def dofs(self) -> int:
         """Number of dofs."""
         return len(self.dof_node)
+
+    @property
+    def rows(self) -> np.ndarray:
+        """(entries,) row of every entry of the stiffness, made anew."""
+        return np.repeat(np.arange(self.dofs, dtype=np.int32), np.diff(self.row_start))
 
     @property
     def axisymmetric(self) -> bool:
@@ -121,10 +125,15 @@ class Subdomain:
 
         It shares the arrays.
         """
-        start = np.zeros(self.dofs + 1, np.int32)
-        np.cumsum(np.bincount(self.rows, minlength=self.dofs), out=start[1:])
-        return csr_matrix((values, self.columns, start), (self.dofs, self.dofs))
+        return csr_matrix((values, self.columns, self.row_start), (self.dofs, self.dofs))
 
     def multiply(self, u: np.ndarray) -> np.ndarray:
         """K u for u of shape (dofs,)."""
-        return np.bincount(self.rows, self.values * u[self.columns], minlength=self.dofs)
+        return self.stiffness(self.values) @ u
+
+
+def row_start(rows: np.ndarray, dofs: int) -> np.ndarray:
+    """(dofs + 1,) where the entries of a row begin, of entries sorted by their `rows`."""
+    start = np.zeros(dofs + 1, np.int32)
+    np.cumsum(np.bincount(rows, minlength=dofs), out=start[1:])
+    return start

@@ -66,8 +66,9 @@ def saddle(structure: Substructure) -> Saddle:
     corners = end + structure.coarse_dofs
     parts = []
     for sub, number, local in zip(structure.subdomains, numbers, structure.rows):
-        free = (number[sub.rows] >= 0) & (number[sub.columns] >= 0)
-        parts.append((number[sub.rows[free]], number[sub.columns[free]], sub.values[free]))
+        row, column = number[sub.rows], number[sub.columns]
+        free = (row >= 0) & (column >= 0)
+        parts.append((row[free], column[free], sub.values[free]))
         B = constraint_matrix(local, sub.dofs).tocoo()
         value = B.data * local.sign[B.row]
         free = (value != 0) & (number[B.col] >= 0)

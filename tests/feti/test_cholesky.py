@@ -92,3 +92,22 @@ def test_the_lower_triangle_is_mirrored(monkeypatch):
     for size in (1, 3, 7, 10):
         monkeypatch.setattr(cholesky, "AT_A_TIME", size)
         assert np.array_equal(cholesky.mirrored(matrix.copy()), expected)
+
+
+def test_dofs_of_a_node_beside_one_another_make_a_block():
+    """A lone dof, here of nodes 7, 5, 8 and of another 5, gets a place of nothing beside it."""
+    place, lone = cholesky._pairs(np.array([3, 3, 7, 4, 4, 5, 8, 5]))
+    assert place.tolist() == [0, 1, 2, 4, 5, 6, 8, 10] and lone.tolist() == [3, 7, 9, 11]
+    place, lone = cholesky._pairs(np.empty(0, int))
+    assert not len(place) and not len(lone)
+
+
+def test_factors_are_kept_in_blocks_of_nodes(monkeypatch):
+    """Both dofs of a node have the same neighbours: blocks hold no zeros but on the diagonal."""
+    made = []
+    monkeypatch.setattr(cholesky, "_in_blocks", lambda upper: made.append(upper))
+    side = np.eye(12) * 2 + np.eye(12, k=1) + np.eye(12, k=-1)
+    K = csr_matrix(np.kron(np.kron(side, side), [[1.0, 0.1], [0.1, 1.0]]) + 20 * np.eye(288))
+    TornFactor(K, np.arange(288), np.zeros(288, bool)).reduced(np.empty(0, int))
+    entries, blocks = made[0].nnz, made[0].tobsr((2, 2)).data.size
+    assert made[0].shape == (288, 288) and blocks == entries + 144

@@ -90,26 +90,30 @@ def test_parts_are_added_where_their_indices_are():
     expected = np.zeros((10, 10))
     for i, matrix in zip(indices, given):
         expected[np.ix_(i, i)] += matrix
-    for order in ([0, 1, 2], [2, 1, 0], [1, 2, 0]):
+    for order, count in (([0, 1, 2], 0), ([2, 1, 0], 2), ([1, 2, 0], 3), ([0, 2, 1], 5)):
         parts = [(indices[k], (lambda m=given[k].copy(): m) if k else given[k].copy())
                  for k in order]
-        index, total = fronts._assembled(parts)
+        index, columns, rest = fronts._assembled(parts, count)
         assert index.tolist() == [0, 1, 4, 6, 9] and not parts
+        total = np.hstack([columns, np.vstack([np.zeros((count, 5 - count)), rest])])
         np.testing.assert_allclose(np.tril(total), np.tril(expected[np.ix_(index, index)]),
                                    rtol=1e-14)
-    index, total = fronts._assembled([])
-    assert not len(index) and total.shape == (0, 0)
+    index, columns, rest = fronts._assembled([], 0)
+    assert not len(index) and columns.shape == rest.shape == (0, 0)
 
 
+@pytest.mark.parametrize("count", [0, 3, 4, 9])
 @pytest.mark.parametrize("place", [[0, 1, 2, 3], [2, 3, 4, 7], [0, 2, 5, 8], [5]])
-def test_blocks_are_added_like_single_entries(monkeypatch, place):
-    """Rows beside one another and apart: to the last bit, in the lower triangle."""
+def test_blocks_are_added_like_single_entries(monkeypatch, place, count):
+    """Rows beside one another and apart, of pivots and others: to the last bit, in the lower
+    triangle.
+    """
     rng, sums = np.random.default_rng(6), []
     start, matrix = rng.standard_normal((9, 9)), rng.standard_normal([len(place)] * 2)
     for cost in (0, 1e9):
         monkeypatch.setattr(fronts, "A_BLOCK", cost)
         sums.append(start.copy())
-        fronts._add(sums[-1], np.array(place), matrix)
+        fronts._add(sums[-1][:, :count], sums[-1][count:, count:], np.array(place), matrix)
     expected = start.copy()
     expected[np.ix_(place, place)] += matrix
     for total in sums:
@@ -122,7 +126,8 @@ def test_elimination_leaves_the_schur_complement(pivots):
     m, whole = sum(pivots), spd(9)
     whole[pivots[0] : m] *= -1.0
     whole[:, pivots[0] : m] = whole[pivots[0] : m].T
-    (one, other), left = fronts._eliminated(np.tril(whole), np.array(pivots))
+    lower = np.tril(whole)
+    (one, other), left = fronts._eliminated(lower[:, :m], lower[m:, m:].copy(), np.array(pivots))
     L = np.zeros((m, m))
     L[: pivots[0], : pivots[0]], L[pivots[0] :, pivots[0] :] = one.pivots, other.pivots
     L[pivots[0] :, : pivots[0]] = one.rest[:, : pivots[1]].T
@@ -132,7 +137,7 @@ def test_elimination_leaves_the_schur_complement(pivots):
     np.testing.assert_allclose(L @ below, whole[:m, m:], rtol=1e-11, atol=1e-11)
     schur = whole[m:, m:] - whole[m:, :m] @ np.linalg.solve(whole[:m, :m], whole[:m, m:])
     np.testing.assert_allclose(np.tril(left), np.tril(schur), rtol=1e-10, atol=1e-10)
-    parts, left = fronts._eliminated(np.tril(whole[:m, :m]), np.array(pivots))
+    parts, left = fronts._eliminated(np.tril(whole[:m, :m]), np.empty((0, 0)), np.array(pivots))
     assert left.shape == (0, 0) and parts[1].rest.shape == (pivots[1], 0)
 
 
@@ -147,8 +152,8 @@ def test_the_price_is_of_fronts_over_that_of_a_product(built):
     product = 2 * work + fronts.EACH_PRODUCT
     sizes, one = [], fronts._eliminated
     try:
-        fronts._eliminated = lambda matrix, pivots: sizes.append(
-            (pivots.sum(), len(matrix))) or one(matrix, pivots)
+        fronts._eliminated = lambda columns, rest, pivots: sizes.append(
+            (pivots.sum(), len(columns))) or one(columns, rest, pivots)
         elimination.compliance()
     finally:
         fronts._eliminated = one

@@ -48,9 +48,9 @@ def test_the_order_of_fronts_follows_the_interfaces(built, monkeypatch, merged):
     """
     problem, sizes, one = built("model", subdomains="8x4", cells=4), [], fronts._eliminated
 
-    def eliminated(matrix, pivots):
-        sizes.append((pivots.sum(), len(matrix)))
-        return one(matrix, pivots)
+    def eliminated(columns, rest, pivots):
+        sizes.append((pivots.sum(), len(columns)))
+        return one(columns, rest, pivots)
 
     monkeypatch.setattr(fronts, "_eliminated", eliminated)
     if not merged:
@@ -89,8 +89,9 @@ def test_price_is_higher_where_many_subdomains_share_a_matrix(built):
 def test_what_is_not_definite_is_refused():
     matrix = np.array([[4.0, 0.0], [2.0, 1.0]])  # lower triangle
     for sign, pivots in ((1.0, (1, 0)), (-1.0, (0, 1))):
-        parts, left = fronts._eliminated(sign * matrix, np.array(pivots))
+        columns, rest = sign * matrix[:, :1], sign * matrix[1:, 1:]
+        parts, left = fronts._eliminated(columns, rest, np.array(pivots))
         part = parts[pivots.index(1)]
         assert (part.pivots, part.rest, left) == ([[2.0]], [[sign]], [[0.0]])
     with pytest.raises(NotConverged, match="could not be eliminated"):
-        fronts._eliminated(matrix, np.array([0, 1]))
+        fronts._eliminated(matrix[:, :1], matrix[1:, 1:], np.array([0, 1]))

@@ -644,7 +644,7 @@ def test_vertex_moved(small, read, distance):
 def test_what_the_next_subdomain_shares_is_kept_once(small, read):
     one, other = read(small, reduce=False).subdomains
     assert all(getattr(one, name) is getattr(other, name)
-               for name in ("elements", "rows", "columns", "values"))
+               for name in ("elements", "row_start", "columns", "values"))
 
 
 @pytest.mark.parametrize("distance", [1e-3, 1e-11])
