@@ -118,19 +118,14 @@ class _FirstColumns:
 
     def __init__(self, L: spmatrix, inner: int, node: np.ndarray):
         """The first `inner` columns of L (n, n); `node` (n,) of every row."""
-        self._place, lone = _pairs(node)
+        self._place, size = _pairs(node)
         first, row, value = (np.asarray(part).ravel() for part in L.CCS)
-        end = int(first[inner])
-        # what has no entry yet: rows from `inner` on, and places beside lone dofs
-        own = np.sort(np.append(self._place[inner:], lone))
-        at = first[np.minimum(np.searchsorted(self._place, own), inner)]
-        column = np.insert(self._place[row[:end]], at, own)
-        value = np.insert(value[:end], at, 1.0)
-        size = len(node) + len(lone)
-        count = np.ones(size, int)
-        count[self._place[:inner]] = np.diff(first[: inner + 1])
-        csr = csr_matrix((value, column, np.append(0, np.cumsum(count))), (size, size))
-        self._upper = _in_blocks(csr)
+        end, own = int(first[inner]), self._place[:inner]
+        count = np.zeros(size, np.int32)  # of the entries of a place
+        count[own] = np.diff(first[: inner + 1])
+        start = np.append(np.zeros(1, np.int32), np.cumsum(count, dtype=np.int32))
+        upper = csr_matrix((value[:end], self._place[row[:end]], start), (size, size))
+        self._upper = _in_blocks(upper)
 
     def forward(self, right: np.ndarray) -> np.ndarray:
         """L^-1 times `right` (n,)."""
@@ -200,28 +195,34 @@ def _packed(L: np.ndarray) -> np.ndarray | None:
     return lapack.dtrttf(L, uplo="L")[0] if len(L) else None
 
 
-def _pairs(node: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(n,) places of rows that make those of a `node` (n,) beside one another blocks of two.
+def _pairs(node: np.ndarray) -> tuple[np.ndarray, int]:
+    """(n,) places of rows that make those of a `node` (n,) beside one another a block of two.
 
-    And those (k,) that are left beside rows whose node has none beside them.
+    And the number of places: one beside each row whose node has no other one there.
     """
     first, begin = np.ones(len(node), bool), np.flatnonzero(np.diff(node, prepend=-1))
     length = np.diff(np.append(begin, len(node)))
     first[begin[length == 2] + 1] = False
-    block = np.cumsum(first) - 1
-    place = 2 * block + ~first
-    return place, np.setdiff1d(np.arange(2 * (block.max(initial=-1) + 1)), place)
+    block = np.cumsum(first, dtype=np.int32) - 1
+    return 2 * block + ~first, 2 * int(first.sum())
 
 
 def _in_blocks(upper: csr_matrix) -> PETSc.Mat:
-    """An upper triangular matrix as PETSc solves with it, in blocks of two rows and columns.
+    """The first rows of an upper triangular matrix, to solve with, in blocks of two.
 
-    ILU(0) has nothing to eliminate in it but in the blocks of its diagonal, and works in place.
+    Rows without entries, the last ones and some of the second rows of blocks, are of the identity.
+    ILU(0) has nothing to eliminate but in the blocks of the diagonal, and works in place.
     """
-    blocks = upper.tobsr((2, 2))
+    blocks, empty = upper.tobsr((2, 2)), np.diff(upper.indptr).reshape(-1, 2) == 0
     blocks.sort_indices()
-    csr = (blocks.indptr.astype(PETSc.IntType), blocks.indices.astype(PETSc.IntType),
-           blocks.data.ravel())
+    start, column, values = blocks.indptr, blocks.indices, blocks.data
+    first, last = int((~empty[:, 0]).sum()), np.arange(len(empty), dtype=start.dtype)
+    values[start[:first][empty[:first, 1]], 1, 1] = 1.0  # blocks of the diagonal come first
+    last = last[first:]
+    start = np.append(start[: first + 1], start[first] + 1 + last - first)
+    column = np.append(column, last)
+    values = np.append(values, np.tile(np.eye(2), (len(last), 1, 1)))
+    csr = start.astype(PETSc.IntType), column.astype(PETSc.IntType), values
     mat = PETSc.Mat().createBAIJ(upper.shape, 2, csr=csr, comm=PETSc.COMM_SELF)
     order = PETSc.IS().createStride(upper.shape[0], first=0, step=1, comm=PETSc.COMM_SELF)
     mat.factorILU(order, order)

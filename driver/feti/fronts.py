@@ -258,14 +258,21 @@ def _assembled(parts: list[tuple], count: int) -> tuple[np.ndarray, np.ndarray, 
     Of this the first `count` columns (n, count) and what is left beside them, which so needs no
     copy. `parts` are pairs of index and matrix, or what makes it; they are taken out one by one.
     """
+    if len(parts) == 1:
+        index, matrix = _taken(parts)
+        return index, matrix[:, :count], np.ascontiguousarray(matrix[count:, count:])
     index = np.unique(np.concatenate([np.empty(0, int), *(part for part, _ in parts)]))
-    if not count and len(parts) == 1 and not callable(parts[0][1]):  # all that contact rows have
-        return index, np.empty((len(index), 0)), parts.pop()[1]
     columns, rest = np.zeros((len(index), count)), np.zeros([len(index) - count] * 2)
     while parts:
-        part, matrix = parts.pop()
-        _add(columns, rest, np.searchsorted(index, part), matrix() if callable(matrix) else matrix)
+        part, matrix = _taken(parts)
+        _add(columns, rest, np.searchsorted(index, part), matrix)
     return index, columns, rest
+
+
+def _taken(parts: list[tuple]) -> tuple[np.ndarray, np.ndarray]:
+    """Index and matrix of the last of `parts`, which has it no more."""
+    index, matrix = parts.pop()
+    return index, matrix() if callable(matrix) else matrix
 
 
 def _add(columns: np.ndarray, rest: np.ndarray, place: np.ndarray, matrix: np.ndarray) -> None:

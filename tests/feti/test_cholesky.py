@@ -95,11 +95,11 @@ def test_the_lower_triangle_is_mirrored(monkeypatch):
 
 
 def test_dofs_of_a_node_beside_one_another_make_a_block():
-    """A lone dof, here of nodes 7, 5, 8 and of another 5, gets a place of nothing beside it."""
-    place, lone = cholesky._pairs(np.array([3, 3, 7, 4, 4, 5, 8, 5]))
-    assert place.tolist() == [0, 1, 2, 4, 5, 6, 8, 10] and lone.tolist() == [3, 7, 9, 11]
-    place, lone = cholesky._pairs(np.empty(0, int))
-    assert not len(place) and not len(lone)
+    """A lone dof, here of nodes 7, 5, 8 and of another 5, has a place of nothing beside it."""
+    place, size = cholesky._pairs(np.array([3, 3, 7, 4, 4, 5, 8, 5]))
+    assert place.tolist() == [0, 1, 2, 4, 5, 6, 8, 10] and size == 12
+    place, size = cholesky._pairs(np.empty(0, int))
+    assert not len(place) and not size
 
 
 def test_factors_are_kept_in_blocks_of_nodes(monkeypatch):
