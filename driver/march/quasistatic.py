@@ -334,7 +334,7 @@ class QuasistaticSolver:
             return
         weight = self.operator.structure.contact.weight[self.condensation.nodes]
         search.examine(index, problem, self.condensation.gather(x), weight,
-                       self.rows.corners is None)
+                       self.rows.corners is None, self.residuals.least_forces)
         spent = time.perf_counter() - clock
         self.history.examining += spent
         self.history.seconds -= spent  # the step's, to which all of its time is added

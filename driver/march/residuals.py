@@ -12,7 +12,9 @@ from .step import Load
 
 CANCELLED = 1e-8  # part of the extent below which deformation is rounding: contact takes the loads
 ROUNDINGS = 4.0  # times what one product rounds off on a row: others may round off as much
-TRAVELLED = 1e-9  # part of what bodies move as a whole, likewise
+TRAVELLED = 1e-9  # part of what bodies move as a whole, likewise, ...
+# ... and what their places are off by beside it: some of the digits that displacements end in
+LAST_DIGITS = 64 * np.finfo(float).eps
 
 
 class Residuals:
@@ -38,12 +40,19 @@ class Residuals:
     def faded(self, x: np.ndarray) -> bool:
         """Whether contact forces, or where nothing presses all forces, may be rounding, not zero.
 
-        Beside those of the steps before, beside the least forces that make displacements of the
-        size that is to be overcome, or because nothing deformed in the latest state: bodies moved.
+        By their size, or because nothing deformed in the latest state: bodies moved.
         """
-        least = max(self.scales.faded("pressing"), FADED * self.scales.d / self.qp.bound)
         size = self._size(x) or np.sqrt(self.operator.dot(x, x))
-        return 0 < size and (self.still or size <= least)
+        return 0 < size and (self.still or size <= self.least_forces)
+
+    @property
+    def least_forces(self) -> float:
+        """Norm of the contact forces below which they may be rounding, not zero.
+
+        Beside those of the steps before, or beside the least forces that make displacements of the
+        size that is to be overcome.
+        """
+        return max(self.scales.faded("pressing"), FADED * self.scales.d / self.qp.bound)
 
     def free_of_forces(self, load: Load, x: np.ndarray, motion: np.ndarray | None = None):
         """Multipliers, gradient, change from x and residuals of the state without any force.
@@ -112,11 +121,15 @@ class Residuals:
         return kkt
 
     def _least_deformation(self, load: Load) -> np.ndarray:
-        """(levels,) deformation below which displacements are rounding; collective."""
+        """(levels,) deformation below which displacements are rounding; collective.
+
+        Of bodies that move far and hardly deform it is that relative to which the last digits of
+        their way are as large as residuals may be.
+        """
         way = -self.operator.minimum(-max(load.travel, load.farthest))
         least = np.zeros(self.operator.levels)
         least[0] = CANCELLED * load.extent / self.qp.softest
-        return np.maximum(least, TRAVELLED * way)
+        return np.maximum(least, max(TRAVELLED, LAST_DIGITS / self.asked("penetration")) * way)
 
     def _changing(self, x: np.ndarray, gradient: np.ndarray) -> float:
         """By how much friction bounds miss those of the slip at x, a force; collective."""

@@ -55,10 +55,11 @@ class Uniqueness:
     failure: str = ""
 
     def examine(self, step: int, problem: CoulombProblem, x: np.ndarray,
-                weight: np.ndarray, whole: bool = True) -> None:
+                weight: np.ndarray, whole: bool = True, least: float = 0.0) -> None:
         """Look for solutions with other forces than x (n + m,); `weight` (n,) of the nodes.
 
         `whole`: whether the problem has all states of all nodes, not one of those of corners.
+        Forces up to `least` are rounding.
         """
         self.examined += 1
         # exact to rounding, to distinguish it from the others
@@ -74,9 +75,9 @@ class Uniqueness:
         forces = np.array([y[: problem.rows] for y in (mine, *solutions)])
         apart = np.abs(forces[1:] - forces[0]).max(axis=1, initial=0)
         size = np.abs(forces).max(initial=0.0)
-        others = [y for y, distance in zip(solutions, apart) if distance > 1e-3 * size]
+        others = [y for y, distance in zip(solutions, apart) if distance > max(1e-3 * size, least)]
         # the sign of one solution implies others only where a solution is sure to exist
-        if others or size > 0 and not problem.k and complementarity.index(problem, mine) < 0:
+        if others or size > least and not problem.k and complementarity.index(problem, mine) < 0:
             self.several[step] = [_describe(problem, y, weight) for y in (mine, *others)]
 
     @property

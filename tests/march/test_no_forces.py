@@ -81,6 +81,22 @@ def test_boxes_carried_through_the_air_feel_nothing(built, steps_of, named_scene
     assert max(np.abs(step.multipliers).max() for step in steps) <= 1e-9 * 1e8
 
 
+@pytest.mark.parametrize("rtol", [1e-6, 1e-4, 1e-9])
+def test_the_last_digits_of_a_way_are_no_penetration(built, steps_of, named_scene, rtol):
+    """Boxes go down by 0.1: rows off by 10 roundings of that are nothing, whatever is asked for;
+    by 1e-9 of it they are not.
+    """
+    problem = built(scene=named_scene("down", BOXES), subdomains=3, steps=1)
+    solver, (step,) = steps_of(problem, **{**TIGHT, "primal_rtol": rtol})
+    assert solver.failure is None and not step.multipliers.any()
+    load = solver.load(1, step.weights[problem.structure.patterns :], 0 * step.gradient)
+    for off, fine in ((10 * np.finfo(float).eps * 0.1, True), (1e-9 * 0.1, False)):
+        gradient = step.gradient.copy()
+        gradient[solver.rows.normal] = -off
+        residuals = solver.residuals.of(load, step.multipliers, gradient)
+        assert solver.residuals.enough(residuals) == fine, residuals
+
+
 @pytest.mark.parametrize("cut", [1, 5])
 def test_given_friction_holds_what_slides_along_it(built, steps_of, named_scene, cut):
     """A body carried along a wall that it only touches: rubbed by 50 N/m2 on its side of 1 m."""

@@ -536,6 +536,10 @@ def test_solutions_are_told_exactly_in_any_unit(unit):
         assert first["resultant_t"] == pytest.approx(-z[1], rel=1e-9)
         assert first["peak_pressure"] == pytest.approx(z[0] / 2.0, rel=1e-9)
         assert sum(of["index"] for of in found.several[7]) == 1
+        # beside forces of which all that there are is rounding
+        found.several.clear()
+        found.examine(8, problem, z, np.array([2.0]), least=2 * np.abs(z).max())
+        assert found.examined == 2 and not found.several
 
 
 @pytest.mark.parametrize("choice, nodes, friction, doubtful, expected", [
