@@ -215,15 +215,20 @@ def _in_blocks(upper: csr_matrix) -> PETSc.Mat:
     """
     blocks, empty = upper.tobsr((2, 2)), np.diff(upper.indptr).reshape(-1, 2) == 0
     blocks.sort_indices()
-    start, column, values = blocks.indptr, blocks.indices, blocks.data
+    start, column = blocks.indptr, blocks.indices
     first, last = int((~empty[:, 0]).sum()), np.arange(len(empty), dtype=start.dtype)
-    values[start[:first][empty[:first, 1]], 1, 1] = 1.0  # blocks of the diagonal come first
     last = last[first:]
+    values = np.empty((len(column) + len(last), 2, 2))
+    values[: len(column)] = blocks.data.transpose(0, 2, 1)  # by columns, as PETSc keeps them
+    values[start[:first][empty[:first, 1]], 1, 1] = 1.0  # blocks of the diagonal come first
+    values[len(column) :] = np.eye(2)
     start = np.append(start[: first + 1], start[first] + 1 + last - first)
-    column = np.append(column, last)
-    values = np.append(values, np.tile(np.eye(2), (len(last), 1, 1)))
-    csr = start.astype(PETSc.IntType), column.astype(PETSc.IntType), values
-    mat = PETSc.Mat().createBAIJ(upper.shape, 2, csr=csr, comm=PETSc.COMM_SELF)
+    csr = start.astype(PETSc.IntType), np.append(column, last).astype(PETSc.IntType), values.ravel()
+    mat = PETSc.Mat().create(PETSc.COMM_SELF)
+    mat.setSizes(upper.shape, bsize=2)
+    mat.setType(PETSc.Mat.Type.SEQBAIJ)
+    mat.setOption(PETSc.Mat.Option.ROW_ORIENTED, False)
+    mat.setPreallocationCSR(csr)
     order = PETSc.IS().createStride(upper.shape[0], first=0, step=1, comm=PETSc.COMM_SELF)
     mat.factorILU(order, order)
     return mat
