@@ -216,8 +216,8 @@ def _in_blocks(upper: csr_matrix) -> PETSc.Mat:
     blocks, empty = upper.tobsr((2, 2)), np.diff(upper.indptr).reshape(-1, 2) == 0
     blocks.sort_indices()
     start, column = blocks.indptr, blocks.indices
-    first, last = int((~empty[:, 0]).sum()), np.arange(len(empty), dtype=start.dtype)
-    last = last[first:]
+    first = int((~empty[:, 0]).sum())
+    last = np.arange(first, len(empty), dtype=start.dtype)
     values = np.empty((len(column) + len(last), 2, 2))
     values[: len(column)] = blocks.data.transpose(0, 2, 1)  # by columns, as PETSc keeps them
     values[start[:first][empty[:first, 1]], 1, 1] = 1.0  # blocks of the diagonal come first

@@ -91,7 +91,8 @@ def group(structure: Substructure, comm) -> list[tuple[list[int], np.ndarray, bo
     """
     keys, patterns = [], {}
     for s, sub in enumerate(structure.subdomains):
-        same = id(sub.row_start), id(sub.columns), id(sub.values)  # shared if found equal by the loader
+        # shared if found equal by the loader
+        same = id(sub.row_start), id(sub.columns), id(sub.values)
         pattern = patterns.get(same) or patterns.setdefault(same, _pattern(sub))
         keys.append(_fingerprint(structure, s, pattern))
     open_, classes = list(range(len(keys))), []
