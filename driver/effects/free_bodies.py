@@ -210,7 +210,7 @@ class FreeBodies:
         """Warn once if no node that touches or sticks holds a rigid motion.
 
         Such a body is in equilibrium at many places. The motion leaves no row that acts, or only
-        those of zero.
+        those of zero. Friction that slip changes may hold what slides along it where it is.
         """
         op, rows = self.operator, self.rows
         if any(LOOSE in line for line in self.history.warnings):
@@ -218,7 +218,8 @@ class FreeBodies:
         motions = op.motions
         acts = np.zeros(op.owned)
         acts[rows.normal] = rows.bilateral | (x[rows.normal] != 0)
-        acts[rows.tangential] = np.abs(x[rows.tangential]) < rows.friction_bound(x)
+        bound, changes = rows.friction_bound(x), self.effects.coefficient_changes
+        acts[rows.tangential] = (np.abs(x[rows.tangential]) < bound) | changes & (bound > 0)
         stiffness = np.array([[op.dot(acts * a, b) for b in motions] for a in motions])
         # squares of roundings
         if np.linalg.eigvalsh(stiffness)[0] <= 1e-12 * max(op.dot(d, d) for d in motions):

@@ -64,7 +64,7 @@ def free(modes, motions, **operator) -> FreeBodies:
     return FreeBodies(SimpleNamespace(**{
         "motions": [np.array(motion, float) for motion in motions], "structure": structure,
         "owned": 4, "dot": np.dot, "modes": len(modes), "comm": MPI.COMM_SELF, **operator}),
-        rows, SimpleNamespace(contact=True, frictional=True), Scales(),
+        rows, SimpleNamespace(contact=True, frictional=True, coefficient_changes=False), Scales(),
         SimpleNamespace(warnings=[]))
 
 
@@ -98,6 +98,15 @@ def test_motions_that_nothing_holds_are_said_once(x, loose):
     assert len(of.history.warnings) == loose
     assert not loose or of.history.warnings[0].startswith("step 3: ") and LOOSE in (
         of.history.warnings[0])
+
+
+@pytest.mark.parametrize("x, loose", [([4.0, 0, 2, 0], False), ([0.0, 0, 0, 0], True)])
+def test_friction_that_slip_changes_may_hold_what_slides(x, loose):
+    """Where it is; a node that nothing presses has none."""
+    of = free([mode()], [[0.0, 0.0, 1.0, 0.0]])
+    of.effects.coefficient_changes = True
+    of.note_loose_motion(3, np.array(x))
+    assert len(of.history.warnings) == loose
 
 
 def test_imbalance_is_a_part_of_the_forces_on_a_body():
