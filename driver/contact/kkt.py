@@ -1,8 +1,10 @@
 """Relative KKT residuals of a time step at the contact and gluing rows.
 
 Displacements are relative to delta, the largest deformation (rigid motions of bodies left out) of
-material such as the node's (feti/stiff_parts.py), forces to f, the largest contact force of a node.
-Contact and friction are measured by the natural residuals of their complementarity conditions,
+material such as the node's (feti/stiff_parts.py), no less than what makes rounding of the bodies'
+way as large as residuals may be (march/residuals.py), forces to f, the largest contact force of a
+node. Contact and friction are measured by the natural residuals of their complementarity
+conditions,
 
     | l_n - P_[0, inf) (l_n + o) |,   | l_t - P_[-g, g] (l_t + s) |,
     l = lambda / f,   o = (u_n - gap) / delta,   s = slip / delta,   g = bound / f,

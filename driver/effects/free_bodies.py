@@ -210,7 +210,7 @@ class FreeBodies:
         """Warn once if no node that touches or sticks holds a rigid motion.
 
         Such a body is in equilibrium at many places. The motion leaves no row that acts, or only
-        those of zero. Friction that slip changes may hold what slides along it where it is.
+        those of zero. Where friction changes with slip in any row, it may hold what slides.
         """
         op, rows = self.operator, self.rows
         if any(LOOSE in line for line in self.history.warnings):

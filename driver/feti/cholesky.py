@@ -58,6 +58,9 @@ class TornFactor:
         K, order = self._K, np.append(self._torn[self._order], corner)
         n_c, size, added = len(corner), len(order), np.zeros(len(order))
         added[size - n_c :] = K.diagonal()[corner]
+        if not size:  # supports hold all dofs
+            self._place, self._coupling = order, np.empty((0, 0))
+            return np.empty((0, 0)), np.empty((0, 0)), np.empty((0, 0))
         factor, places = _in_order(K, order, self._inner, added)
         self._place = self._order[places[: size - n_c]]
         whole = cholmod.getfactor(factor)
@@ -80,6 +83,8 @@ class TornFactor:
     def forward(self, right: np.ndarray) -> np.ndarray:
         """L^-1 times `right` (n_r,), which is zero on the corners, in the order of L."""
         torn = len(self._place)
+        if not torn:
+            return right.copy()
         whole = np.append(right[self._place], np.zeros(len(self._coupling)))
         result = self._columns.forward(whole)[:torn]
         result[self._inner :] = self._on_rows(result[self._inner :])
@@ -103,6 +108,8 @@ class TornFactor:
         K_rc comes in by the rows of L at the corners.
         """
         torn, solution = len(self._place), np.empty(len(self._place))
+        if not torn:
+            return solution
         rows = forward[self._inner :] - self._coupling.T @ corner
         whole = np.concatenate([forward[: self._inner], self._on_rows(rows, "T"), corner])
         solution[self._place] = self._columns.backward(whole)[:torn]
@@ -119,13 +126,7 @@ class _FirstColumns:
     def __init__(self, L: spmatrix, inner: int, node: np.ndarray):
         """The first `inner` columns of L (n, n); `node` (n,) of every row."""
         self._place, size = _pairs(node)
-        first, row, value = (np.asarray(part).ravel() for part in L.CCS)
-        end, own = int(first[inner]), self._place[:inner]
-        count = np.zeros(size, np.int32)  # of the entries of a place
-        count[own] = np.diff(first[: inner + 1])
-        start = np.append(np.zeros(1, np.int32), np.cumsum(count, dtype=np.int32))
-        upper = csr_matrix((value[:end], self._place[row[:end]], start), (size, size))
-        self._upper = _in_blocks(upper)
+        self._upper = _in_blocks(_transposed(L, inner, self._place, size))
 
     def forward(self, right: np.ndarray) -> np.ndarray:
         """L^-1 times `right` (n,)."""
@@ -207,13 +208,25 @@ def _pairs(node: np.ndarray) -> tuple[np.ndarray, int]:
     return 2 * block + ~first, 2 * int(first.sum())
 
 
+def _transposed(L: spmatrix, inner: int, place: np.ndarray, size: int) -> csr_matrix:
+    """The first `inner` columns of L (n, n) as rows, at these of `size` places; `place` (n,)."""
+    first, row, value = (np.asarray(part).ravel() for part in L.CCS)
+    end = int(first[inner])
+    count = np.zeros(size, np.int32)  # of the entries of a place
+    count[place[:inner]] = np.diff(first[: inner + 1])
+    start = np.append(np.zeros(1, np.int32), np.cumsum(count, dtype=np.int32))
+    return csr_matrix((value[:end], place[row[:end]], start), (size, size))
+
+
 def _in_blocks(upper: csr_matrix) -> PETSc.Mat:
     """The first rows of an upper triangular matrix, to solve with, in blocks of two.
 
     Rows without entries, the last ones and some of the second rows of blocks, are of the identity.
     ILU(0) has nothing to eliminate but in the blocks of the diagonal, and works in place.
     """
-    blocks, empty = upper.tobsr((2, 2)), np.diff(upper.indptr).reshape(-1, 2) == 0
+    size, empty = upper.shape, np.diff(upper.indptr).reshape(-1, 2) == 0
+    blocks = upper.tobsr((2, 2))
+    del upper  # it is large
     blocks.sort_indices()
     start, column = blocks.indptr, blocks.indices
     first = int((~empty[:, 0]).sum())
@@ -222,14 +235,15 @@ def _in_blocks(upper: csr_matrix) -> PETSc.Mat:
     values[: len(column)] = blocks.data.transpose(0, 2, 1)  # by columns, as PETSc keeps them
     values[start[:first][empty[:first, 1]], 1, 1] = 1.0  # blocks of the diagonal come first
     values[len(column) :] = np.eye(2)
+    del blocks
     start = np.append(start[: first + 1], start[first] + 1 + last - first)
     csr = start.astype(PETSc.IntType), np.append(column, last).astype(PETSc.IntType), values.ravel()
     mat = PETSc.Mat().create(PETSc.COMM_SELF)
-    mat.setSizes(upper.shape, bsize=2)
+    mat.setSizes(size, bsize=2)
     mat.setType(PETSc.Mat.Type.SEQBAIJ)
     mat.setOption(PETSc.Mat.Option.ROW_ORIENTED, False)
     mat.setPreallocationCSR(csr)
-    order = PETSc.IS().createStride(upper.shape[0], first=0, step=1, comm=PETSc.COMM_SELF)
+    order = PETSc.IS().createStride(size[0], first=0, step=1, comm=PETSc.COMM_SELF)
     mat.factorILU(order, order)
     return mat
 

@@ -203,22 +203,22 @@ class GluingElimination:
         parts, way, C = self._matrices(), Handover(comm), None
         for front in self._turn[self._owner[self._turn] == comm.rank].tolist():
             left = [self._left(way, child) for child in tree.children[front]]
-            rests = {child: rest for child, (rest, _) in zip(tree.children[front], left)}
+            met = {child: index for child, (index, _) in zip(tree.children[front], left)}
             parts[front] += left
             del left  # matrices are given back one by one, as they are added
             last = front == len(tree.fronts)  # the contact rows, each of which has a subdomain
             count = 0 if last else tree.pivots[front].sum()
-            index, columns, matrix = _assembled(parts[front], count)
+            index, columns, rest = _assembled(parts[front], count)
             if last:
-                C = matrix
+                C = rest
                 break
-            places = {child: np.searchsorted(index, rest) for child, rest in rests.items()}
+            places = {child: np.searchsorted(index, of) for child, of in met.items()}
             try:
-                matrix = self._eliminated_front(front, index, columns, matrix, places)
+                rest = self._eliminated_front(front, index, columns, rest, places)
             except NotConverged as problem:  # what waits for this front must not wait for ever
-                error, matrix = problem, np.full([len(index) - count] * 2, np.nan)
-            way.give(front, self._owner[tree.parent[front]], index[count:], matrix)
-            del columns, matrix
+                error, rest = problem, np.full([len(index) - count] * 2, np.nan)
+            way.give(front, self._owner[tree.parent[front]], index[count:], rest)
+            del columns, rest
         way.finish()
         agree(comm, error)
         C = np.empty([self._last] * 2) if C is None else C
@@ -255,8 +255,9 @@ class GluingElimination:
 def _assembled(parts: list[tuple], count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Ascending index (n,) and lower triangle of the sum of matrices with indices of their own.
 
-    Of this the first `count` columns (n, count) and what is left beside them, which so needs no
-    copy. `parts` are pairs of index and matrix, or what makes it; they are taken out one by one.
+    Of this the first `count` columns (n, count), and apart from them what is beside them, which
+    stays when they are used up. `parts` are pairs of index and matrix, or what makes it; they are
+    taken out one by one.
     """
     if len(parts) == 1:
         index, matrix = _taken(parts)
@@ -266,6 +267,7 @@ def _assembled(parts: list[tuple], count: int) -> tuple[np.ndarray, np.ndarray, 
     while parts:
         part, matrix = _taken(parts)
         _add(columns, rest, np.searchsorted(index, part), matrix)
+        del matrix  # before the next one is made
     return index, columns, rest
 
 
@@ -281,6 +283,8 @@ def _add(columns: np.ndarray, rest: np.ndarray, place: np.ndarray, matrix: np.nd
     It has the first `columns` (n, k) and beside them the `rest` (n - k, n - k). Unknowns of a group
     lie beside one another, so that blocks are added, and few of them.
     """
+    if not len(place):  # of a body without contact: the last of its fronts leaves nothing
+        return
     count = columns.shape[1]
     inner = int(np.searchsorted(place, count))
     ends = np.flatnonzero(np.diff(place) > 1) + 1

@@ -1,4 +1,5 @@
-"""What some random scenes have beside the rest: a slit, springs, an axis of revolution.
+"""What some random scenes have beside the rest: a slit, springs, an axis of revolution, a body that
+nothing touches.
 
 Drawn after all else, by dice of their own: what else a seed draws stays the same.
 """
@@ -8,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from .dice import Dice
-from .shapes import with_slit
+from .composition import Hold
+from .shapes import block, lattice, with_slit
 
 LIPS = 81  # label of a slit's upper lip, the lower one's is the next
 PLAIN = ("block", "graded block", "quadrilateral")  # outlines with room for a slit
@@ -17,7 +19,8 @@ SLITS, OTHERS = 0.25, 0.08  # shares of the scenes that may have one
 
 def add(dice: Dice, scene) -> None:
     """Change the bodies of `scene`, a writer of the generator, and what it declares."""
-    for make, share in ((_slit, SLITS), (_springs, OTHERS), (_revolve, OTHERS)):
+    for make, share in ((_slit, SLITS), (_springs, OTHERS), (_revolve, OTHERS),
+                        (_bystander, OTHERS)):
         if dice.chance(share):
             make(dice, scene)
 
@@ -76,3 +79,28 @@ def _revolve(dice: Dice, scene) -> None:
         shape.shifted(away) for shape in scene.bodies.shapes))
     scene.macros.insert(0, "macro axisymmetric() 1 //")
     scene.declared["revolution"] = "yes"
+
+
+def _bystander(dice: Dice, scene) -> None:
+    """A block to the right of the others, clamped at one or two sides, without contact.
+
+    Where two clamped sides meet a triangle may have no dof that is free.
+    """
+    bodies = scene.bodies
+    if bodies.rectangle or bodies.piece or "load" not in scene.patterns:
+        return
+    (_, right), (low, _) = bodies.reach
+    body = block(right + 0.4, low, dice.number(0.4, 0.9), dice.number(0.3, 0.8), 301)
+    if dice.chance(0.6):
+        body = lattice(body, (dice.whole(2, 5), dice.whole(2, 4)))
+    clamped = [311, 301][: dice.whole(1, 2)]
+    scene.bodies = replace(bodies, shapes=(*bodies.shapes, body),
+                           lengths=(*bodies.lengths, dice.pick(0.15, 0.3)),
+                           holds=(*bodies.holds, *(Hold("clamped", side) for side in clamped)))
+    stress = scene.modulus * scene.strain * dice.pick(0.01, 0.1, 1.0)
+    held = f"on({', '.join(map(str, clamped))}, u1 = 0., u2 = 0.)"
+    pulled = f"traction(321, {scene.number(stress)}, {scene.number(-stress)})"
+    if not scene.extend("support()", held):
+        scene.say("support()", held)
+    scene.extend(f"load{1 + scene.patterns.index('load')}()", pulled)
+    scene.declared["bystander"] = "yes"

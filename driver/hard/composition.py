@@ -69,7 +69,7 @@ class Bodies:
             return [f"rectangle({', '.join(number_text(size * v) for v in (x0, x1, y0, y1))});"]
         lines = []
         for k, (shape, h) in enumerate(zip(self.shapes, self.lengths)):
-            lines += shape.text(f"Th{k}", "abc"[k], h, size, k)
+            lines += shape.text(f"Th{k}", "abcd"[k], h, size, k)
         if len(self.shapes) > 1:
             return lines + [f"addBody(Th{k})" for k in range(len(self.shapes))]
         lines.append("body = Th0;")

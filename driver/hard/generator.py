@@ -113,6 +113,14 @@ class _Writer:
         """One macro."""
         self.macros.append(f"macro {macro} {content} //")
 
+    def extend(self, macro: str, term: str) -> bool:
+        """Add a term to the sum that a macro is; False if there is none of this name."""
+        for place, line in enumerate(self.macros):
+            if line.startswith(f"macro {macro} "):
+                self.macros[place] = f"{line[:-3]} + {term} //"
+                return True
+        return False
+
     def number(self, value: float) -> str:
         """A number in the scene."""
         return number_text(float(f"{value:.4g}") + 0.0)  # no -0.0

@@ -12,9 +12,8 @@ from .step import Load
 
 CANCELLED = 1e-8  # part of the extent below which deformation is rounding: contact takes the loads
 ROUNDINGS = 4.0  # times what one product rounds off on a row: others may round off as much
-TRAVELLED = 1e-9  # part of what bodies move as a whole, likewise, ...
-# ... and what their places are off by beside it: some of the digits that displacements end in
-LAST_DIGITS = 64 * np.finfo(float).eps
+TRAVELLED = 1e-9  # part of what bodies move as a whole, likewise
+WAY_ROUNDED = 64 * np.finfo(float).eps  # part of what they move that rows may be off by
 
 
 class Residuals:
@@ -42,17 +41,20 @@ class Residuals:
 
         By their size, or because nothing deformed in the latest state: bodies moved.
         """
+        # an upper bound where stiffness jumps: residuals judge the state without forces anyway
+        least = max(self.scales.faded("pressing"), FADED * self.scales.d / self.qp.bound)
         size = self._size(x) or np.sqrt(self.operator.dot(x, x))
-        return 0 < size and (self.still or size <= self.least_forces)
+        return 0 < size and (self.still or size <= least)
 
     @property
     def least_forces(self) -> float:
-        """Norm of the contact forces below which they may be rounding, not zero.
+        """Norm of contact forces below which they are rounding.
 
         Beside those of the steps before, or beside the least forces that make displacements of the
-        size that is to be overcome.
+        size that is to be overcome: rows of B are scaled by `softest` at least.
         """
-        return max(self.scales.faded("pressing"), FADED * self.scales.d / self.qp.bound)
+        return max(self.scales.faded("pressing"),
+                   FADED * self.scales.d * self.qp.softest / self.qp.bound)
 
     def free_of_forces(self, load: Load, x: np.ndarray, motion: np.ndarray | None = None):
         """Multipliers, gradient, change from x and residuals of the state without any force.
@@ -94,12 +96,13 @@ class Residuals:
         op, others = self.operator, {"stationarity": self._missing(x, gradient)}
         if op.modes:
             others["equilibrium"] = self.bodies.imbalance(load, x)
-        missed, least = self._changing(x, gradient), self._least_deformation(load)
+        missed, (nothing, least) = self._changing(x, gradient), self._least_deformation(load)
         # what decides whether a corner touches both sides must not depend on the cut
         whole = op.modes or op.jumps or self.rows.corners is not None
         quick = () if whole else (op.least_deformation,)
         for measure in (*quick, op.deformation_by_level):
             deformations = np.atleast_1d(measure(x, load.weights))
+            self.still = deformations[0] <= nothing
             kkt = self._kkt(x, gradient, deformations, least, missed)
             if self.enough(kkt):
                 break
@@ -112,7 +115,6 @@ class Residuals:
     def _kkt(self, x, gradient, deformations: np.ndarray, least: np.ndarray,
              missed: float) -> dict[str, float]:
         """Residuals relative to `deformations` (levels,), no less than `least` (levels,)."""
-        self.still = deformations[0] <= least[0]
         self.scales.renew(displacements=np.maximum(deformations, least))
         kkt = kkt_residuals(self.rows, x, gradient, self.operator.row_level, self.scales,
                             self.operator.comm)
@@ -120,16 +122,17 @@ class Residuals:
             kkt["cone"] = max(kkt["cone"], missed / self.scales.force)
         return kkt
 
-    def _least_deformation(self, load: Load) -> np.ndarray:
-        """(levels,) deformation below which displacements are rounding; collective.
+    def _least_deformation(self, load: Load) -> tuple[float, np.ndarray]:
+        """Deformation below which nothing deforms, and (levels,) that residuals are relative to.
 
-        Of bodies that move far and hardly deform it is that relative to which the last digits of
-        their way are as large as residuals may be.
+        Of bodies that move far and hardly deform that is the one relative to which the last digits
+        of their way are as large as residuals may be. Collective.
         """
         way = -self.operator.minimum(-max(load.travel, load.farthest))
-        least = np.zeros(self.operator.levels)
-        least[0] = CANCELLED * load.extent / self.qp.softest
-        return np.maximum(least, max(TRAVELLED, LAST_DIGITS / self.asked("penetration")) * way)
+        least = np.full(self.operator.levels, TRAVELLED * way)
+        least[0] = max(least[0], CANCELLED * load.extent / self.qp.softest)
+        rounded = WAY_ROUNDED * way / self.asked("penetration")
+        return float(least[0]), np.maximum(least, rounded)
 
     def _changing(self, x: np.ndarray, gradient: np.ndarray) -> float:
         """By how much friction bounds miss those of the slip at x, a force; collective."""

@@ -59,7 +59,7 @@ class Uniqueness:
         """Look for solutions with other forces than x (n + m,); `weight` (n,) of the nodes.
 
         `whole`: whether the problem has all states of all nodes, not one of those of corners.
-        Forces up to `least` are rounding.
+        Forces of a norm up to `least` are rounding.
         """
         self.examined += 1
         # exact to rounding, to distinguish it from the others
@@ -75,9 +75,12 @@ class Uniqueness:
         forces = np.array([y[: problem.rows] for y in (mine, *solutions)])
         apart = np.abs(forces[1:] - forces[0]).max(axis=1, initial=0)
         size = np.abs(forces).max(initial=0.0)
-        others = [y for y, distance in zip(solutions, apart) if distance > max(1e-3 * size, least)]
+        norm = np.linalg.norm(forces[1:] - forces[0], axis=1)
+        others = [y for y, distance, differs in zip(solutions, apart, norm > least)
+                  if differs and distance > 1e-3 * size]
         # the sign of one solution implies others only where a solution is sure to exist
-        if others or size > least and not problem.k and complementarity.index(problem, mine) < 0:
+        tells = np.linalg.norm(forces[0]) > least and not problem.k
+        if others or tells and complementarity.index(problem, mine) < 0:
             self.several[step] = [_describe(problem, y, weight) for y in (mine, *others)]
 
     @property

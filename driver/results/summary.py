@@ -92,7 +92,8 @@ class Summary:
                             "without any over the largest before",
             "gluing": "jump between subdomains over the largest deformation delta, the "
                       "displacement of a vertex less the rigid motion of its body, or over a lower "
-                      "bound of it by the corners where that is enough",
+                      "bound of it by the corners where that is enough; no less than "
+                      "1.4e-14/PRIMAL_RTOL of the way of bodies that hardly deform",
             "penetration": "into obstacle or other body, over delta",
             "sign": "pulling normal forces over the largest contact force f of a node",
             "cone": "friction forces above their bound, over f",

@@ -86,7 +86,7 @@ def _subdomains(stack: dict, head: Head, manifest: Manifest, pieces: "_Pieces",
         contact = _contacts(stack, head, manifest, place)
     fields = {name: stack["field", name] for name in manifest.fields}
     return [Subdomain(index=place.first + s, node_gid=gid[s], xy=xy[s],
-                      **pieces.by_rows(springs.stiffened(piece, _of_record(fields, s))),
+                      **_without_rows(springs.stiffened(piece, _of_record(fields, s))),
                       edge_label=stack["edge_label"][s], thermal=_of_record(suppressed, s),
                       loads=loads[s], edge_loads=_of_record(edge_loads, s),
                       unseen=_of_record(unseen, s),
@@ -95,6 +95,11 @@ def _subdomains(stack: dict, head: Head, manifest: Manifest, pieces: "_Pieces",
                       fields=_of_record(fields, s),
                       curved=bool(manifest.curved) and _is_curved(xy[s], piece["elements"]))
             for s, piece in enumerate(common)]
+
+
+def _without_rows(piece: dict) -> dict:
+    """What a Subdomain keeps of a piece: the beginnings of rows say all of them."""
+    return {name: values for name, values in piece.items() if name != "rows"}
 
 
 def _is_curved(xy: np.ndarray, nodes: np.ndarray) -> bool:
@@ -133,13 +138,12 @@ class _Pieces:
     """What subdomains share: that of shared.bin, and the stiffness read last.
 
     A piece is a dictionary of those attributes of a Subdomain that do not depend on where it is,
-    and of the `rows` of its stiffness.
+    and of the `rows` of its stiffness, which checks read.
     """
 
     def __init__(self, manifest: Manifest):
         self.manifest = manifest
         self.last, self.last_xy = None, None
-        self.last_rows = self.last_start = None
         self.stored, self.mirrors = None, Mirrors()
         self.shared, self.shared_xy = None, None
 
@@ -160,17 +164,6 @@ class _Pieces:
         checks.check_rigid_motions(pieces, xy, other.tolist(), place,
                                    self.manifest.axisymmetric)
         return pieces
-
-    def by_rows(self, piece: dict) -> dict:
-        """The piece with the beginnings of rows in place of `rows`: a fourth of its indices less.
-
-        Equal arrays are kept once.
-        """
-        rest = dict(piece)
-        rows = rest.pop("rows")
-        if rows is not self.last_rows:
-            self.last_rows, self.last_start = rows, row_start(rows, len(rest["dof_node"]))
-        return {**rest, "row_start": self.last_start}
 
     def _read_shared(self) -> None:
         file = RecordFile(self.manifest.directory / SHARED, self.manifest.seal)
@@ -200,12 +193,23 @@ class _Pieces:
         checks.check_order(*given[:2], place)
         whole = [self.mirrors.whole(*entries, head.dofs) for entries in zip(*given)]
         arrays |= dict(zip(("rows", "columns", "values"), zip(*whole)))
+        arrays["row_start"] = self._starts(arrays["rows"], head.dofs)
         arrays |= {"region": stack["region"], **_elasticity(stack, self.manifest)}
         dof_node, component = np.divmod(np.arange(head.dofs), 2)
         dofs = {"dof_node": dof_node, "dof_component": component}
         pieces = [{**_of_record(arrays, s), **dofs} for s in range(len(xy))]
         self._check_stiffness(pieces, xy, head.entries, place)
         return pieces
+
+    def _starts(self, rows: tuple[np.ndarray], dofs: int) -> list[np.ndarray]:
+        """(dofs + 1,) beginnings of the rows of every record; of equal `rows` the same array."""
+        of, start = (None, None) if self.last is None else (
+            self.last["rows"], self.last["row_start"])
+        starts = []
+        for own in rows:
+            of, start = own, start if own is of else row_start(own, dofs)
+            starts.append(start)
+        return starts
 
     def _check_stiffness(self, pieces: list[dict], xy: np.ndarray, stored: int,
                          place: checks.Place) -> None:

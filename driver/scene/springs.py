@@ -28,8 +28,8 @@ def stiffened(piece: dict, fields: dict[str, np.ndarray]) -> dict:
     values = np.concatenate([piece["values"], springs[node][:, [0, 1, 1, 2]].ravel()])
     K = coo_matrix((values, (rows, columns)), shape=(2 * len(springs),) * 2).tocsr()
     K.sort_indices()
-    rows = np.repeat(np.arange(K.shape[0], dtype=piece["rows"].dtype), np.diff(K.indptr))
-    return {**piece, "springs": springs, "rows": rows, "columns": K.indices, "values": K.data}
+    return {**piece, "springs": springs, "row_start": K.indptr, "columns": K.indices,
+            "values": K.data}
 
 
 def forces(sub, u: np.ndarray) -> np.ndarray:

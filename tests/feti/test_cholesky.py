@@ -111,3 +111,12 @@ def test_factors_are_kept_in_blocks_of_nodes(monkeypatch):
     TornFactor(K, np.arange(288), np.zeros(288, bool)).reduced(np.empty(0, int))
     entries, blocks = made[0].nnz, made[0].tobsr((2, 2)).data.size
     assert made[0].shape == (288, 288) and blocks == entries + 144
+
+
+def test_a_subdomain_that_supports_hold_in_all_dofs_has_nothing():
+    """A triangle in a clamped corner."""
+    factor = TornFactor(csr_matrix(np.eye(6)), np.empty(0, int), np.empty(0, bool))
+    assert [part.shape for part in factor.reduced(np.empty(0, int))] == [(0, 0)] * 3
+    none = np.empty(0)
+    assert not factor.forward(none).size and not factor.forward_of_rows(none).size
+    assert not factor.backward(none, none).size and factor.solve(np.ones((0, 2))).shape == (0, 2)

@@ -90,7 +90,9 @@ def test_parts_are_added_where_their_indices_are():
     expected = np.zeros((10, 10))
     for i, matrix in zip(indices, given):
         expected[np.ix_(i, i)] += matrix
-    for order, count in (([0, 1, 2], 0), ([2, 1, 0], 2), ([1, 2, 0], 3), ([0, 2, 1], 5)):
+    indices.append(np.empty(0, int))  # of a body without contact, eliminated as a whole
+    given.append(np.empty((0, 0)))
+    for order, count in (([0, 1, 2], 0), ([2, 1, 3, 0], 2), ([1, 2, 0, 3], 3), ([3, 0, 2, 1], 5)):
         parts = [(indices[k], (lambda m=given[k].copy(): m) if k else given[k].copy())
                  for k in order]
         index, columns, rest = fronts._assembled(parts, count)

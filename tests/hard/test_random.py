@@ -43,7 +43,7 @@ def test_scenes_cover_what_they_shall():
     assert {"static", *generator.HISTORIES} == seen["history"]
     assert seen["jump"] >= {"none", "1e+06", "0.001"} and "none" in seen["support"]
     for rare in ("spoilt", "sides", "sliding", "cycles", "obstacles", "slit", "springs",
-                 "revolution"):
+                 "revolution", "bystander"):
         assert sum(rare in each for each in declared) > 0, rare
 
 

@@ -1,5 +1,6 @@
 """Fixed points of the friction bound, and what steps do with them, on a dense dual matrix."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -507,14 +508,20 @@ def residuals(levels=1, **more) -> Residuals:
 
 @pytest.mark.parametrize("levels", [1, 3])
 def test_displacements_that_are_rounding(levels):
-    """Beside what is to be overcome, in the softest rows, and beside what bodies travel."""
+    """Beside what is to be overcome, in the softest rows, and beside what bodies travel; residuals
+    are relative to no less than what makes the travel's rounding as large as is asked for.
+    """
     load, found = Load(np.ones(1), np.zeros(9), 3.0, travel=0.0), residuals(levels)
     others = np.zeros(levels - 1)
-    np.testing.assert_allclose(found._least_deformation(load), [1e-8 * 3 / 2, *others])
-    load.travel, load.farthest = 5.0, 7.0
-    np.testing.assert_allclose(found._least_deformation(load), [1e-8 * 3 / 2, *(others + 7e-9)])
-    load.travel = 50.0
-    np.testing.assert_allclose(found._least_deformation(load), [5e-8] * levels)
+    for asked in (1e-6, 1e-3):
+        found.qp.settings = replace(found.qp.settings, primal_rtol=asked)
+        rounded = max(1e-9, 64 * np.finfo(float).eps / asked)
+        for load.travel, load.farthest in ((0.0, 0.0), (0.5, 0.7), (50.0, 7.0)):
+            way = max(load.travel, load.farthest)
+            nothing, least = found._least_deformation(load)
+            assert nothing == pytest.approx(max(1e-8 * 3 / 2, 1e-9 * way))
+            np.testing.assert_allclose(least, [max(1e-8 * 3 / 2, rounded * way),
+                                               *(others + rounded * way)])
 
 
 def test_residuals_are_relative_to_what_deforms():

@@ -153,6 +153,33 @@ def test_a_sample_of_cuts(solved, one_mesh, scene, options, cuts):
         assert [run.summary["sizes"]["subdomains"] for run in runs] == list(cuts)
 
 
+BESIDE = """include "scene.idp"
+int[int] sides = [7, 50, 3, 12];
+mesh A = square(4, 2, [4*x, 2*y], label = sides);
+mesh B = square(4, 2, [4*x, 3. + 2*y], label = sides);
+B = change(B, fregion = 1, flabel = label + 100);
+addBody(A)
+addBody(B)
+macro young() 1000. //
+macro poisson() 0.3 //
+macro support() on(12, 50, u1 = 0., u2 = 0.) + on(112, 103, u1 = 0., u2 = 0.) //
+macro load1() traction(3, 0., -1.) + traction(107, 0.3, -0.2) //
+macro contact() 7 //
+macro friction() 0.3 //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("element, cuts", [
+    ("P1", (1, 3, 32)), pytest.param("P2", (1, 3, 7, 16, 32), marks=pytest.mark.slow)])
+def test_a_body_without_contact_and_triangles_in_clamped_corners(solved, named_scene, element,
+                                                                  cuts):
+    """Of 32 triangles, each a subdomain, one has no dof that is free; and where gluing rows are
+    eliminated the body that touches nothing leaves none.
+    """
+    compare(solved, named_scene("beside", BESIDE), {"element": element}, cuts)
+
+
 @pytest.mark.parametrize("number", ["-1", "sqrt(-1. - x)", "1e9*x"])
 def test_numbers_of_subdomains_that_cannot_be_meant_are_refused(solved, variant, number):
     last = 'include "export.idp"'
