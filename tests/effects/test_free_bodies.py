@@ -294,7 +294,8 @@ def test_a_proof_that_no_states_solve_a_step_ends_it(built, steps_of, monkeypatc
         return None, globalization.NO_STATE
 
     monkeypatch.setattr(fixedpoint.FixedPoint, "_accelerate", lambda *a: None)
-    monkeypatch.setattr(globalization, "solve_condensed", proved)
+    monkeypatch.setattr(globalization, "followed", lambda *_: (None, ""))
+    monkeypatch.setattr(globalization, "searched", proved)
     monkeypatch.setattr(tightening, "NEARLY", np.inf)  # exacter QPs might settle any state
     solver, _ = steps_of(problem, rtol=1e-11, friction_rtol=1e-9, uniqueness="no")
     assert solver.failure.exit_status == 3 and len(searched) == 1
