@@ -347,6 +347,7 @@ include "export.idp"
 
 
 @pytest.mark.parametrize("cut", [1, 3])
+@pytest.mark.some(1)
 def test_a_block_slides_to_where_friction_holds_it(solved, named_scene, cut):
     """A way of 2e-5 to one side has left 0.04 of friction coefficients of 0.1, which cannot hold a
     load of 0.06 of the weight; sliding back into the middle it comes to where they are 0.06, for
