@@ -301,11 +301,11 @@ def _add(columns: np.ndarray, rest: np.ndarray, place: np.ndarray, matrix: np.nd
             if beside.start < count:
                 columns[to, beside] += matrix[rows, across]
             else:
-                rest[_before(to, count), _before(beside, count)] += matrix[rows, across]
+                rest[_from(to, count), _from(beside, count)] += matrix[rows, across]
 
 
-def _before(places: slice, count: int) -> slice:
-    """`places` counted from `count` on."""
+def _from(places: slice, count: int) -> slice:
+    """`places`, counted from the place `count` on."""
     return slice(places.start - count, places.stop - count)
 
 

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from .dice import Dice
 from .composition import Hold
+from .dice import Dice
 from .shapes import block, lattice, with_slit
 
 LIPS = 81  # label of a slit's upper lip, the lower one's is the next

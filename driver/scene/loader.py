@@ -86,7 +86,7 @@ def _subdomains(stack: dict, head: Head, manifest: Manifest, pieces: "_Pieces",
         contact = _contacts(stack, head, manifest, place)
     fields = {name: stack["field", name] for name in manifest.fields}
     return [Subdomain(index=place.first + s, node_gid=gid[s], xy=xy[s],
-                      **_without_rows(springs.stiffened(piece, _of_record(fields, s))),
+                      **_without_rows(piece) | springs.stiffened(piece, _of_record(fields, s)),
                       edge_label=stack["edge_label"][s], thermal=_of_record(suppressed, s),
                       loads=loads[s], edge_loads=_of_record(edge_loads, s),
                       unseen=_of_record(unseen, s),

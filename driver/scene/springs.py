@@ -13,23 +13,22 @@ FIELDS = ("spring_xx", "spring_xy", "spring_yy")  # as springs.idp names them
 
 
 def stiffened(piece: dict, fields: dict[str, np.ndarray]) -> dict:
-    """`piece`, attributes of a Subdomain, with the springs of its nodes in the stiffness.
+    """What springs of its nodes change of `piece`, attributes of a Subdomain.
 
-    `fields` (n_v,) are the nodal numbers of its record. The same one where no node has a spring.
+    `fields` (n_v,) are the nodal numbers of its record. Empty where no node has a spring.
     """
     if FIELDS[0] not in fields:
-        return piece
+        return {}
     springs = np.column_stack([fields[name] for name in FIELDS])
     node = np.flatnonzero(springs.any(axis=1))
     if not len(node):
-        return piece
+        return {}
     rows = np.concatenate([piece["rows"], (2 * node[:, None] + [0, 0, 1, 1]).ravel()])
     columns = np.concatenate([piece["columns"], (2 * node[:, None] + [0, 1, 0, 1]).ravel()])
     values = np.concatenate([piece["values"], springs[node][:, [0, 1, 1, 2]].ravel()])
     K = coo_matrix((values, (rows, columns)), shape=(2 * len(springs),) * 2).tocsr()
     K.sort_indices()
-    return {**piece, "springs": springs, "row_start": K.indptr, "columns": K.indices,
-            "values": K.data}
+    return {"springs": springs, "row_start": K.indptr, "columns": K.indices, "values": K.data}
 
 
 def forces(sub, u: np.ndarray) -> np.ndarray:
