@@ -5,7 +5,7 @@ import sys
 from . import environment
 from .errors import defect, report_error, shortage
 
-environment.prepare_blas()  # before anything loads the library that reads it
+environment.prepare_libraries()  # before anything loads the library that reads it
 try:
     environment.heed_interrupts()
     from .cli import main

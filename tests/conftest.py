@@ -32,7 +32,7 @@ from driver import environment
 
 for allotted in ("PBS_NODEFILE", "SLURM_JOB_ID"):  # tests say themselves how many ranks they take
     os.environ.pop(allotted, None)
-environment.prepare_blas()
+environment.prepare_libraries()
 environment.start_petsc()
 
 import numpy as np

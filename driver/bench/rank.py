@@ -9,7 +9,7 @@ from pathlib import Path
 
 from .. import environment
 
-environment.prepare_blas()
+environment.prepare_libraries()
 environment.start_petsc()
 
 import numpy as np

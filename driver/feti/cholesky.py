@@ -21,7 +21,7 @@ import numpy as np
 from cvxopt import amd, cholmod, matrix, spmatrix
 from petsc4py import PETSc
 from scipy.linalg import lapack, solve_triangular
-from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from ..errors import NoSolution
@@ -37,38 +37,48 @@ class TornFactor:
 
     One factorization serves both: the last rows of L for `reduced` and, without the corners, all
     of it for `solve`, kept in parts. CHOLMOD's own factor is used up where it hands out L.
+
+    L has both dofs of a node beside one another, with the same neighbours. One that supports hold
+    stands for itself there: off the diagonal its row and column are zeros.
     """
 
-    def __init__(self, K, torn: np.ndarray, seen: np.ndarray):
-        """`K` (dofs, dofs) is CSR, `torn` (n_r,) are the torn dofs, `seen` (n_r,) marks those of t.
+    def __init__(self, K, torn: np.ndarray, nodes: np.ndarray, together: int = 1):
+        """`K` (dofs, dofs) is CSR, `torn` (n_r,) are the torn dofs, t those of the `nodes` (n,).
+
+        Dofs 2 k and 2 k + 1 are of node k. So many right-hand sides are solved for `together`,
+        filled up with zeros: the bits of one do not depend on how many there are.
         """
-        self._K, self._torn, self._inner = K, torn, int((~seen).sum())
-        inner = np.flatnonzero(~seen)
-        self._order = np.append(inner[_fill_reducing(K, torn[inner])], np.flatnonzero(seen))
-        # the first columns of L, and the torn dofs in its order
-        self._columns = self._place = None
+        self._K, self._torn, self._together = K, torn, together
+        self.seen = np.isin(torn // 2, nodes)  # (n_r,) marks those of t
+        self._columns = None  # the first columns of L
+        # places in L of torn dofs (n_r,), of t (n_t,) and of corners (n_c,), and the first of these
+        self._place = self._of_t = self._of_c = self._end = None
         # of its last rows L_tt, half a matrix in LAPACK's rectangular full packed format, and L_ct
         self._packed = self._coupling = None
 
     def reduced(self, corner: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """K_rr^-1 (n_t, n_t) and K_rr^-1 K_rc (n_t, n_c) on t, and K_cc - K_cr K_rr^-1 K_rc.
 
-        `corner` (n_c,) are the corner dofs. Raises NoSolution unless K_rr is positive definite.
+        `corner` (n_c,) are all free dofs of some nodes. Raises NoSolution unless K_rr is positive
+        definite.
         """
-        K, order = self._K, np.append(self._torn[self._order], corner)
-        n_c, size, added = len(corner), len(order), np.zeros(len(order))
-        added[size - n_c :] = K.diagonal()[corner]
-        if not size:  # supports hold all dofs
-            self._place, self._coupling = order, np.empty((0, 0))
-            return np.empty((0, 0)), np.empty((0, 0)), np.empty((0, 0))
-        factor, places = _in_order(K, order, self._inner, added)
-        self._place = self._order[places[: size - n_c]]
-        whole = cholmod.getfactor(factor)
-        L, n_t = _last_rows(whole, size - self._inner), size - self._inner - n_c
-        self._columns = _FirstColumns(whole, self._inner, order[places] // 2)
+        K, torn, seen = self._K, self._torn, self.seen
+        added = np.zeros(K.shape[0])
+        added[corner] = K.diagonal()[corner]
+        parts = [np.unique(dofs // 2) for dofs in (torn[~seen], torn[seen], corner)]
+        free = np.zeros(K.shape[0], bool)
+        free[torn] = free[corner] = True
+        factor, order, inner = _in_order(K.tobsr((2, 2)), parts, free, added)
+        place = _places(order, K.shape[0])
+        self._place, self._of_t, self._of_c = place[torn], place[torn[seen]], place[corner]
+        self._end = len(order) - 2 * len(parts[2])
+        whole = cholmod.getfactor(factor) if len(order) else spmatrix([], [], [], (0, 0))
+        self._columns = _FirstColumns(whole, inner)
+        L = _last_rows(whole, inner, np.append(self._of_t, self._of_c))
+        n_t = len(self._of_t)
         L_tt, L_ct, L_cc = L[:n_t, :n_t], L[n_t:, :n_t], L[n_t:, n_t:]
         self._packed, self._coupling = _packed(L_tt), L_ct.copy()
-        schur = L_cc @ L_cc.T - np.diag(added[size - n_c :])
+        schur = L_cc @ L_cc.T - np.diag(added[corner])
         return _inverse(L_tt), _backward(L_tt, L_ct.T), (schur + schur.T) / 2
 
     def solve(self, right: np.ndarray) -> np.ndarray:
@@ -77,79 +87,82 @@ class TornFactor:
             return np.zeros_like(right)
         if self._columns is None:
             self.reduced(np.empty(0, int))
-        none = np.zeros(len(self._coupling))
-        return np.column_stack([self.backward(self.forward(column), none) for column in right.T])
+        none = np.zeros((right.shape[1], len(self._coupling)))
+        return self.backward(self.forward(right.T), none).T
 
     def forward(self, right: np.ndarray) -> np.ndarray:
-        """L^-1 times `right` (n_r,), which is zero on the corners, in the order of L."""
-        torn = len(self._place)
-        if not torn:
-            return right.copy()
-        whole = np.append(right[self._place], np.zeros(len(self._coupling)))
-        result = self._columns.forward(whole)[:torn]
-        result[self._inner :] = self._on_rows(result[self._inner :])
+        """L^-1 times rows of `right` (k, n_r), zero on the corners, in the order of L up to them.
+        """
+        whole = np.zeros((len(right), self._columns.size))
+        whole[:, self._place] = right
+        result = self._columns.forward(whole)[:, : self._end]
+        result[:, self._of_t] = self._on_rows(result[:, self._of_t])
         return result
 
     def forward_of_rows(self, right: np.ndarray) -> np.ndarray:
         """`forward` of what is zero but on t: the last rows of L have it all."""
-        y = np.zeros(len(self._place))
-        y[self._inner :] = self._on_rows(right[self._place[self._inner :]])
-        return y
+        result = np.zeros((len(right), self._end))
+        result[:, self._of_t] = self._on_rows(right[:, self.seen])
+        return result
 
     def _on_rows(self, right: np.ndarray, trans: str = "N") -> np.ndarray:
-        """L_tt^-1 times `right` (n_t,), or L_tt^-T."""
-        if not len(right):
-            return right
-        return lapack.dtfsm(1.0, self._packed, right[:, None], uplo="L", trans=trans)[:, 0]
+        """L_tt^-1 times rows of `right` (k, n_t), or L_tt^-T."""
+        result, n_t = np.empty(right.shape), right.shape[1]
+        for first in range(0, len(right) if n_t else 0, self._together):
+            part = right[first : first + self._together]
+            filled = np.zeros((self._together, n_t))
+            filled[: len(part)] = part
+            solved = lapack.dtfsm(1.0, self._packed, filled.T, uplo="L", trans=trans).T
+            result[first : first + self._together] = solved[: len(part)]
+        return result
 
     def backward(self, forward: np.ndarray, corner: np.ndarray) -> np.ndarray:
-        """K_rr^-1 (f_r - K_rc u_c) (n_r,) by `forward` (n_r,) of f_r and u_c, `corner` (n_c,).
+        """K_rr^-1 (f_r - K_rc u_c) (k, n_r) by rows of `forward` of f_r and u_c, `corner` (k, n_c).
 
         K_rc comes in by the rows of L at the corners.
         """
-        torn, solution = len(self._place), np.empty(len(self._place))
-        if not torn:
-            return solution
-        rows = forward[self._inner :] - self._coupling.T @ corner
-        whole = np.concatenate([forward[: self._inner], self._on_rows(rows, "T"), corner])
-        solution[self._place] = self._columns.backward(whole)[:torn]
-        return solution
+        whole = np.zeros((len(forward), self._columns.size))
+        whole[:, : self._end] = forward
+        on_rows = forward[:, self._of_t] - np.array([u @ self._coupling for u in corner])
+        whole[:, self._of_t] = self._on_rows(on_rows, "T")
+        whole[:, self._of_c] = corner
+        return self._columns.backward(whole)[:, self._place]
 
 
 class _FirstColumns:
     """The first columns of L, to solve with; beyond them it is the identity here.
 
-    Transposed, and in blocks of the two dofs of a node: indices take a quarter of the memory. A dof
-    whose node's other one is not beside it has an unknown of its own there that is zero.
+    Transposed, in blocks of the two dofs of a node: indices take a quarter of the memory.
     """
 
-    def __init__(self, L: spmatrix, inner: int, node: np.ndarray):
-        """The first `inner` columns of L (n, n); `node` (n,) of every row."""
-        self._place, size = _pairs(node)
-        self._upper = _in_blocks(_transposed(L, inner, self._place, size))
+    def __init__(self, L: spmatrix, inner: int):
+        """The first `inner` columns of L (n, n); 2 k and 2 k + 1 have the same rows below both."""
+        self.size = L.size[0]
+        self._upper = _upper(*_blocks(L, inner)) if self.size else None
 
     def forward(self, right: np.ndarray) -> np.ndarray:
-        """L^-1 times `right` (n,)."""
-        return self._solved(self._upper.solveTranspose, right)
+        """L^-1 times rows of `right` (k, n)."""
+        return self._solved("solveTranspose", right)
 
     def backward(self, right: np.ndarray) -> np.ndarray:
-        """L^-T times `right` (n,)."""
-        return self._solved(self._upper.solve, right)
+        """L^-T times rows of `right` (k, n)."""
+        return self._solved("solve", right)
 
-    def _solved(self, solve, right: np.ndarray) -> np.ndarray:
-        x, y = self._upper.createVecs()
-        x.array[:] = 0.0
-        x.array[self._place] = right
-        solve(x, y)
-        return y.array[self._place]
+    def _solved(self, solve: str, right: np.ndarray) -> np.ndarray:
+        result = np.empty(right.shape)
+        if result.size:
+            x, y = self._upper.createVecs()
+            for given, found in zip(right, result):
+                x.array[:] = given
+                getattr(self._upper, solve)(x, y)
+                found[:] = y.array
+        return result
 
 
-def _factorized(lower: spmatrix, extra: np.ndarray | None = None):
-    """CHOLMOD's factor of a matrix, `extra` (n,) added to its diagonal. Raises NoSolution."""
-    diagonal = np.array(matrix(lower[:: lower.size[0] + 1])).ravel()
-    if extra is not None:
-        diagonal += extra
-        lower[:: lower.size[0] + 1] = matrix(diagonal)
+def _factorized(lower: spmatrix, added: np.ndarray):
+    """CHOLMOD's factor of a matrix, `added` (n,) to its diagonal. Raises NoSolution."""
+    diagonal = np.array(matrix(lower[:: lower.size[0] + 1])).ravel() + added
+    lower[:: lower.size[0] + 1] = matrix(diagonal)
     factor = cholmod.symbolic(lower, p=matrix(range(len(diagonal))))
     try:
         cholmod.numeric(lower, factor)
@@ -162,19 +175,26 @@ def _factorized(lower: spmatrix, extra: np.ndarray | None = None):
     return factor
 
 
-def _in_order(K, order: np.ndarray, inner: int, added: np.ndarray):
-    """CHOLMOD's factor of `K` in the `order` of dofs (n,), and the places (n,) of its rows in it.
+def _in_order(blocks, parts: list[np.ndarray], free: np.ndarray, added: np.ndarray):
+    """CHOLMOD's factor of the stiffness of the nodes `parts`, inner ones, those of t and corners.
 
-    Those after the first `inner` keep theirs. `added` (n,) is added to the diagonal. The first
-    dofs mostly hang together: only where they do not, and the factor shows it, they are searched.
+    And its dofs (n,) in the order of the factor, and the number of those of inner nodes, which come
+    first; the others keep their order. `blocks` are K's blocks of nodes, `free` (dofs,) marks what
+    no support holds, `added` (dofs,) is added to the diagonal. Inner nodes mostly hang together:
+    only where they do not, and the factor shows it, they are searched.
     """
-    last = np.arange(inner, len(order))
+    inner = len(parts[0])
+    nodes = np.concatenate([parts[0][_fill_reducing(blocks, parts[0])], *parts[1:]])
+    order = (2 * nodes[:, None] + [0, 1]).ravel()
+    if not len(nodes):
+        return None, order, 0
+    last = np.arange(2 * inner, len(order))
     for roots in (lambda *_: np.arange(inner)[-1:], _roots):
-        factor = _factorized(_lower(K, _places(K, order), inner, roots), added)
-        places = _permutation(factor, len(order))
-        if np.array_equal(places[inner:], last):
+        factor = _factorized(_lower(blocks, nodes, inner, free[order], roots), added[order])
+        rows = _permutation(factor, len(order))
+        if np.array_equal(rows[2 * inner :], last):
             break  # the last rows are where they were
-    return factor, places
+    return factor, order[rows], 2 * inner
 
 
 def _permutation(factor, size: int) -> np.ndarray:
@@ -184,11 +204,12 @@ def _permutation(factor, size: int) -> np.ndarray:
     return np.array(rows).ravel().astype(int)
 
 
-def _last_rows(L: spmatrix, count: int) -> np.ndarray:
-    """The lower triangle (count, count) at the end of L."""
-    if not count:
+def _last_rows(L: spmatrix, first: int, which: np.ndarray) -> np.ndarray:
+    """The rows and columns `which` (n,) of L, all of them after the `first` ones."""
+    if not len(which):
         return np.empty((0, 0))
-    return np.array(matrix(L[-count:, -count:]))
+    last = np.array(matrix(L[first:, first:]))
+    return last if len(which) == len(last) else last[np.ix_(which - first, which - first)]
 
 
 def _packed(L: np.ndarray) -> np.ndarray | None:
@@ -196,54 +217,44 @@ def _packed(L: np.ndarray) -> np.ndarray | None:
     return lapack.dtrttf(L, uplo="L")[0] if len(L) else None
 
 
-def _pairs(node: np.ndarray) -> tuple[np.ndarray, int]:
-    """(n,) places of rows that make those of a `node` (n,) beside one another a block of two.
+def _blocks(L: spmatrix, inner: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The first `inner` columns of L (n, n) and others of the identity, in blocks of two.
 
-    And the number of places: one beside each row whose node has no other one there.
+    Beginnings (n / 2 + 1,) of the columns of blocks, rows (k,) and values (k, 2, 2) of these, row
+    after row. Columns 2 k and 2 k + 1 have the same rows below.
     """
-    first, begin = np.ones(len(node), bool), np.flatnonzero(np.diff(node, prepend=-1))
-    length = np.diff(np.append(begin, len(node)))
-    first[begin[length == 2] + 1] = False
-    block = np.cumsum(first, dtype=np.int32) - 1
-    return 2 * block + ~first, 2 * int(first.sum())
-
-
-def _transposed(L: spmatrix, inner: int, place: np.ndarray, size: int) -> csr_matrix:
-    """The first `inner` columns of L (n, n) as rows, at these of `size` places; `place` (n,)."""
     first, row, value = (np.asarray(part).ravel() for part in L.CCS)
-    end = int(first[inner])
-    count = np.zeros(size, np.int32)  # of the entries of a place
-    count[place[:inner]] = np.diff(first[: inner + 1])
-    start = np.append(np.zeros(1, np.int32), np.cumsum(count, dtype=np.int32))
-    return csr_matrix((value[:end], place[row[:end]], start), (size, size))
+    count = np.diff(first[: inner + 1])[::2].astype(np.int32)
+    last = np.arange(inner // 2, L.size[0] // 2)
+    start = np.cumsum(np.concatenate([[0], count // 2, np.ones(len(last), int)]))
+    inside = start[inner // 2]
+    # entries of both rows of a block at once
+    pairs = np.ndarray(max(len(value) - 1, 0), complex, value, strides=value.strides)
+    entry = 2 * np.arange(inside, dtype=np.int32)
+    entry += np.repeat((first[:inner:2] - 2 * start[: inner // 2]).astype(np.int32), count // 2)
+    row, values = np.append(row[entry] >> 1, last), np.empty((start[-1], 2, 2))
+    values[:inside, :, 0] = pairs[entry].view(float).reshape(-1, 2)
+    # the second column has an entry less, above the diagonal
+    entry += np.repeat(count - 1, count // 2)
+    values[:inside, :, 1] = pairs[entry].view(float).reshape(-1, 2)
+    values[start[: inner // 2], 0, 1] = 0.0
+    values[inside:] = np.eye(2)
+    return start, row, values
 
 
-def _in_blocks(upper: csr_matrix) -> PETSc.Mat:
-    """The first rows of an upper triangular matrix, to solve with, in blocks of two.
+def _upper(start: np.ndarray, row: np.ndarray, values: np.ndarray) -> PETSc.Mat:
+    """The transposed of a lower triangle given in `_blocks`, to solve with.
 
-    Rows without entries, the last ones and some of the second rows of blocks, are of the identity.
     ILU(0) has nothing to eliminate but in the blocks of the diagonal, and works in place.
     """
-    size, empty = upper.shape, np.diff(upper.indptr).reshape(-1, 2) == 0
-    blocks = upper.tobsr((2, 2))
-    del upper  # it is large
-    blocks.sort_indices()
-    start, column = blocks.indptr, blocks.indices
-    first = int((~empty[:, 0]).sum())
-    last = np.arange(first, len(empty), dtype=start.dtype)
-    values = np.empty((len(column) + len(last), 2, 2))
-    values[: len(column)] = blocks.data.transpose(0, 2, 1)  # by columns, as PETSc keeps them
-    values[start[:first][empty[:first, 1]], 1, 1] = 1.0  # blocks of the diagonal come first
-    values[len(column) :] = np.eye(2)
-    del blocks
-    start = np.append(start[: first + 1], start[first] + 1 + last - first)
-    csr = start.astype(PETSc.IntType), np.append(column, last).astype(PETSc.IntType), values.ravel()
+    size = 2 * len(start) - 2
     mat = PETSc.Mat().create(PETSc.COMM_SELF)
     mat.setSizes(size, bsize=2)
     mat.setType(PETSc.Mat.Type.SEQBAIJ)
-    mat.setOption(PETSc.Mat.Option.ROW_ORIENTED, False)
-    mat.setPreallocationCSR(csr)
-    order = PETSc.IS().createStride(size[0], first=0, step=1, comm=PETSc.COMM_SELF)
+    mat.setOption(PETSc.Mat.Option.ROW_ORIENTED, False)  # rows of the triangle are columns here
+    start, row = start.astype(PETSc.IntType), row.astype(PETSc.IntType)
+    mat.setPreallocationCSR((start, row, values.ravel()))
+    order = PETSc.IS().createStride(size, first=0, step=1, comm=PETSc.COMM_SELF)
     mat.factorILU(order, order)
     return mat
 
@@ -272,51 +283,48 @@ def mirrored(matrix: np.ndarray) -> np.ndarray:
     return matrix
 
 
-def _places(K, order: np.ndarray) -> np.ndarray:
-    """(dofs,) the place of every dof of `K` in `order`, -1 where it has none."""
-    place = np.full(K.shape[0], -1)
+def _places(order: np.ndarray, size: int) -> np.ndarray:
+    """(size,) the place in `order` of every number below `size`, -1 where it has none."""
+    place = np.full(size, -1)
     place[order] = np.arange(len(order))
     return place
 
 
-def _fill_reducing(K, dofs: np.ndarray) -> np.ndarray:
-    """Order of `dofs` (n,) that keeps the factor of their part of `K` sparse.
-
-    Dofs 2 k and 2 k + 1 are of one node and have the same neighbours: nodes are ordered.
-    """
-    if not len(dofs):
-        return np.empty(0, int)
-    nodes, of_dof = np.unique(dofs // 2, return_inverse=True)
-    place = np.full((K.shape[0] + 1) // 2, -1)
-    place[nodes] = np.arange(len(nodes))
-    first = K.indptr[2 * nodes]
-    count = K.indptr[2 * nodes + 1] - first
-    entry = np.arange(count.sum()) + (first - np.cumsum(count) + count).repeat(count)
-    column = K.indices[entry]
-    row, column = np.arange(len(nodes)).repeat(count), np.where(column % 2, -1, place[column // 2])
-    inside = (column >= 0) & (row >= column)
-    row, column = row[inside], column[inside]
+def _fill_reducing(blocks, nodes: np.ndarray) -> np.ndarray:
+    """Order of `nodes` (n,) that keeps the factor of their part of the stiffness sparse."""
+    row, column, _ = _entries(blocks, nodes)
     order = amd.order(spmatrix(1.0, row, column, (len(nodes), len(nodes))))
-    turn = np.empty(len(nodes), int)
-    turn[np.array(order).ravel()] = np.arange(len(nodes))
-    return np.argsort(turn[of_dof], kind="stable")
+    return np.array(order).ravel()
 
 
-def _lower(K, place: np.ndarray, inner: int, roots) -> spmatrix:
-    """The lower triangle of `K`, a dof's row and column at its `place` (dofs,), -1 for none.
+def _entries(blocks, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows and columns, places in `nodes`, of the lower triangle's blocks, and which they are."""
+    place = _places(nodes, blocks.shape[0] // 2)
+    row, column = place.repeat(np.diff(blocks.indptr)), place[blocks.indices]
+    which = np.flatnonzero((column >= 0) & (row >= column))
+    return row[which], column[which], which
 
-    With entries, if only zeros, that keep all dofs after the first `inner` in their places:
-    `roots` gives of rows, columns and `inner` the last of every connected part of these.
+
+def _lower(blocks, nodes: np.ndarray, inner: int, free: np.ndarray, roots) -> spmatrix:
+    """The lower triangle of the stiffness of `nodes` (n,), in this order, to factorize.
+
+    With entries, if only zeros, that keep all nodes after the first `inner` in their places:
+    `roots` gives of rows, columns and `inner` the last of every connected part of these. What is
+    not `free` (2 n,) is coupled to nothing.
     """
-    row, column = place.repeat(np.diff(K.indptr)), place[K.indices]
-    inside = (column >= 0) & (row >= column)
-    row, column, values, n = row[inside], column[inside], K.data[inside], int(place.max()) + 1
+    row, column, which = _entries(blocks, nodes)
+    values, n = blocks.data[which], len(nodes)
+    if not free.all():
+        free = free.reshape(-1, 2)
+        coupled = free[row][:, :, None] & free[column][:, None, :]
+        values *= coupled | ((row == column)[:, None, None] & np.eye(2, dtype=bool))
     if inner < n:
         last = np.concatenate([roots(row, column, inner), np.arange(inner, n - 1)])
-        parent = np.maximum(inner, last + 1)
-        row, column = np.append(row, parent), np.append(column, last)
-        values = np.append(values, np.zeros(len(last)))
-    return spmatrix(values, row, column, (n, n))
+        row, column = np.append(row, np.maximum(inner, last + 1)), np.append(column, last)
+        values = np.concatenate([values, np.zeros((len(last), 2, 2))])
+    rows = np.broadcast_to((2 * row)[:, None, None] + [[0], [1]], values.shape)
+    columns = np.broadcast_to((2 * column)[:, None, None] + [[0, 1]], values.shape)
+    return spmatrix(values.ravel(), rows.ravel(), columns.ravel(), (2 * n, 2 * n))
 
 
 def _roots(row: np.ndarray, column: np.ndarray, inner: int) -> np.ndarray:

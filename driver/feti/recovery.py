@@ -10,6 +10,8 @@ from .coarse import CoarseProblem
 from .reduction import LocalClass
 from .structure import Substructure
 
+AT_ONCE = 64  # members of a class that are solved for together: their fields stay in the cache
+
 
 class Recovery:
     """Solutions on the rank's subdomains; fields are lists of their (dofs,) arrays.
@@ -84,28 +86,39 @@ class Recovery:
 
         The pass down is that of the loads, kept, and of multipliers, in the last rows alone.
         """
-        structure, patterns = self.structure, self.structure.patterns
-        fields = [np.empty(0)] * len(structure.subdomains)
+        fields = [np.empty(0)] * len(self.structure.subdomains)
         for c in self.classes:
-            shape = len(c.members), -1
-            places = corner[c.corners].reshape(shape)
-            forces = np.ascontiguousarray((c.B_r.T @ rows[c.rows].reshape(shape).T).T)
-            for s, u_c, force in zip(c.members, places, forces):
-                down = -c.factor.forward_of_rows(force)
-                for k in np.flatnonzero(weights[:patterns]) if self._acts[s] else ():
-                    down += weights[k] * self._down(s, c, k)
-                fields[s] = u = np.zeros(structure.subdomains[s].dofs)
-                u[c.corner] = u_c
-                if down.any() or u_c.any():
-                    u[c.torn] = c.factor.backward(down, u_c)
-                if len(structure.fixed[s]):
-                    u[structure.fixed[s]] = weights[:patterns] @ structure.fixed_values[s]
+            shape, step = (len(c.members), -1), AT_ONCE if c.shared else 1
+            multipliers, places = rows[c.rows].reshape(shape), corner[c.corners].reshape(shape)
+            for first in range(0, len(c.members), step):
+                part = slice(first, first + step)
+                u = self._between(c, c.members[part], multipliers[part], weights, places[part])
+                for s, field in zip(c.members[part], u):
+                    fields[s] = field
         return fields
 
+    def _between(self, c: LocalClass, members: list[int], multipliers: np.ndarray,
+                 weights: np.ndarray, corner: np.ndarray) -> np.ndarray:
+        """`between_corners` (k, dofs) for k `members` of a class, `multipliers` (k, m) of each and
+        displacements `corner` (k, n_c).
+        """
+        structure, acting = self.structure, np.flatnonzero(weights[: self.structure.patterns])
+        down = -c.factor.forward_of_rows((c.B_r.T @ multipliers.T).T)
+        for s, own in zip(members, down):
+            for k in acting if self._acts[s] else ():
+                own += weights[k] * self._down(s, c, k)
+        u = np.zeros((len(members), c.K.shape[0]))
+        u[:, c.corner] = corner
+        if down.any() or corner.any():
+            u[:, c.torn] = c.factor.backward(down, corner)
+        for s, own in zip(members, u):
+            own[structure.fixed[s]] = weights[: structure.patterns] @ structure.fixed_values[s]
+        return u
+
     def _down(self, s: int, c: LocalClass, k: int) -> np.ndarray:
-        """(n_r,) the pass of load pattern k down the factor of local subdomain s, of class c."""
+        """The pass of load pattern k down the factor of local subdomain s, of class c."""
         if (s, k) not in self._forward:
-            self._forward[s, k] = c.factor.forward(self.loads[s][k][c.torn])
+            self._forward[s, k] = c.factor.forward(self.loads[s][k][None, c.torn])[0]
         return self._forward[s, k]
 
     def _forces(self, c: LocalClass, weights: np.ndarray, rows: np.ndarray,

@@ -198,12 +198,13 @@ def reduce_class(structure: Substructure, members: list[int], values: np.ndarray
     torn = np.flatnonzero(is_torn)
     K = sub.stiffness(values)
     B_r, B_c, K_rc = *_torn_rows(structure, s, torn), K[torn][:, corner]
-    seen = np.diff(B_r.tocsc().indptr) > 0
+    touched = np.diff(B_r.tocsc().indptr) > 0
     changes = s in structure.renewed
     if changes:
-        seen |= structure.may_move(s)[torn]
-    factor = TornFactor(K, torn, seen)
+        touched |= structure.may_move(s)[torn]
+    factor = TornFactor(K, torn, torn[touched] // 2, BLOCK if shared else 1)
     inverse, coupling, S = factor.reduced(corner)
+    seen = factor.seen
     F, A = _of_rows(structure, s, B_r[:, seen], B_c, inverse, coupling)
     return LocalClass(members, torn, corner, K, factor, B_r, B_c, K_rc, F, A, S, shared,
                       Kept(seen, inverse, coupling) if changes else None)

@@ -170,7 +170,7 @@ def _last_line(text: str) -> str:
 
 def _verdict(scene: RandomScene, path: Path, folder: Path) -> Verdict:
     """Run a scene at all its cuts and judge what came out."""
-    environment.prepare_blas()
+    environment.prepare_libraries()
     environment.start_petsc()
     outcomes = [run(scene, path, folder, cut) for cut in scene.cuts]
     verdict = Verdict(outcomes=outcomes)

@@ -206,7 +206,7 @@ def _stiff_motions(pieces: list[dict], xy: np.ndarray,
     diagonal = np.zeros(len(pieces) * dofs)
     entry = np.flatnonzero(rows == columns)
     diagonal[rows[entry]] = values[entry]
-    root, along_y = np.sqrt(np.abs(diagonal)), columns % 2
+    root, along_y = np.sqrt(np.abs(diagonal)), columns & 1
     size = root[columns]
     # translations along x and y meet the columns of one component each
     entry = 2 * rows + along_y
@@ -219,7 +219,7 @@ def _stiff_motions(pieces: list[dict], xy: np.ndarray,
     resists = excess.any(axis=1)
     # rotations about the origin less that of the row's own node
     turn = np.stack([-xy[..., 1], xy[..., 0]], axis=-1).ravel()
-    turned = turn[columns] - turn[rows - rows % 2 + along_y]
+    turned = turn[columns] - turn[rows - (rows & 1) + along_y]
     force, bound = (np.bincount(rows, what, minlength=len(diagonal))
                     for what in (values * turned, size * np.abs(turned)))
     resists |= np.abs(force) > 1e-13 * root * bound

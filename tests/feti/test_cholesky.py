@@ -6,7 +6,8 @@ sparse factors agree to some hundred roundings.
 
 import numpy as np
 import pytest
-from scipy.sparse import csr_matrix, eye, random
+from cvxopt import matrix
+from scipy.sparse import bsr_matrix, csr_matrix, eye, random
 
 from driver.errors import NoSolution
 from driver.feti import cholesky
@@ -16,21 +17,24 @@ ROUNDING = 1e-12
 
 
 def torn(seed: int):
-    """A random stiffness, shuffled torn dofs of which some are seen, corners, fixed dofs."""
+    """A random stiffness of nodes, torn dofs, those of seen nodes, and corners; some dofs are fixed.
+    """
     rng = np.random.default_rng(seed)
-    size = int(rng.integers(4, 150))
+    size = 2 * int(rng.integers(2, 75))
     A = random(size, size, rng.choice([0.005, 0.02, 0.1]), random_state=seed)
     K = (A @ A.T + 0.5 * eye(size)).tocsr()
-    dofs = rng.permutation(size)
-    corner, rest = np.sort(dofs[: size // 8]), np.sort(dofs[size // 8 : -1])
-    return K, rest, rng.random(len(rest)) < rng.choice([0.0, 0.1, 0.5, 1.0]), corner
+    nodes, fixed = rng.permutation(size // 2), rng.random(size) < rng.choice([0.0, 0.1, 0.5])
+    of_corners = np.isin(np.arange(size) // 2, nodes[: size // 16])
+    rest = np.flatnonzero(~of_corners & ~fixed)
+    seen = rng.random(size // 2) < rng.choice([0.0, 0.1, 0.5, 1.0])
+    return K, rest, seen[rest // 2], np.flatnonzero(of_corners & ~fixed)
 
 
 @pytest.mark.parametrize("seed", range(60))
 def test_blocks_are_those_of_dense_algebra(seed):
     """Sparse patterns have interiors in many parts, interface dofs apart, and none of either."""
     K, dofs, seen, corner = torn(seed)
-    factor, dense = TornFactor(K, dofs, seen), K.toarray()
+    factor, dense = TornFactor(K, dofs, dofs[seen] // 2), K.toarray()
     inverse = np.linalg.inv(dense[np.ix_(dofs, dofs)])
     K_rc = dense[np.ix_(dofs, corner)]
     on_seen, coupling, schur = factor.reduced(corner)
@@ -47,25 +51,36 @@ def test_blocks_are_those_of_dense_algebra(seed):
 def test_displacements_between_known_corners_take_a_pass_up_the_factor(seed):
     """Loads anywhere and forces of rows on t, whose pass down is that of all rows of L."""
     K, dofs, seen, corner = torn(seed)
-    factor, dense = TornFactor(K, dofs, seen), K.toarray()
+    factor, dense = TornFactor(K, dofs, dofs[seen] // 2), K.toarray()
     factor.reduced(corner)
-    load, on_rows = np.random.default_rng(seed).standard_normal((2, len(dofs)))
-    on_rows[~seen] = 0.0
-    u_c = np.random.default_rng(seed + 1).standard_normal(len(corner))
+    load, on_rows = np.random.default_rng(seed).standard_normal((2, 3, len(dofs)))
+    on_rows[:, ~seen] = 0.0
+    u_c = np.random.default_rng(seed + 1).standard_normal((3, len(corner)))
     down = factor.forward_of_rows(on_rows)
     assert np.abs(down - factor.forward(on_rows)).max(initial=0) < ROUNDING
-    right = load + on_rows - dense[np.ix_(dofs, corner)] @ u_c
-    wanted = np.linalg.solve(dense[np.ix_(dofs, dofs)], right)
+    right = load + on_rows - u_c @ dense[np.ix_(corner, dofs)]
+    wanted = np.linalg.solve(dense[np.ix_(dofs, dofs)], right.T).T
     between = factor.backward(factor.forward(load) + down, u_c)
     largest = max(1.0, np.abs(wanted).max(initial=0))
     assert np.abs(between - wanted).max(initial=0) < ROUNDING * largest
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_the_bits_of_a_solution_do_not_depend_on_how_many_there_are(seed):
+    """Subdomains that are alike on several ranks: any of them are solved for side by side."""
+    K, dofs, seen, _ = torn(seed)
+    factor = TornFactor(K, dofs, dofs[seen] // 2, 4)
+    right = np.random.default_rng(seed).standard_normal((len(dofs), 7))
+    together = factor.solve(right)
+    for some in ([5], [6, 2], [1, 0, 3, 4, 5]):
+        assert np.array_equal(factor.solve(right[:, some]), together[:, some])
 
 
 def test_corners_that_alone_leave_a_body_loose_are_no_obstacle():
     """A bar of two nodes, both corners: nothing is torn, and S is the singular stiffness itself."""
     K = csr_matrix([[1.0, -1.0], [-1.0, 1.0]])
     none = np.empty(0, int)
-    _, _, schur = TornFactor(K, none, np.empty(0, bool)).reduced(np.arange(2))
+    _, _, schur = TornFactor(K, none, none).reduced(np.arange(2))
     assert np.abs(schur - K.toarray()).max() < 1e-15
 
 
@@ -75,14 +90,15 @@ def test_corners_that_alone_leave_a_body_loose_are_no_obstacle():
 @pytest.mark.parametrize("unit", [1e-12, 1.0, 1e12])
 def test_singular_and_indefinite_stiffness_is_refused(K, seen, unit):
     """Free motions, negative and missing stiffness, inside and where rows act, in any unit; also
-    where the last bit of a diagonal entry is left.
+    where the last bit of a diagonal entry is left. Two nodes that move in one direction.
     """
+    both = np.array([0, 2]), np.flatnonzero(seen)
     for last in (1.0, 1.0 + np.finfo(float).eps):
+        bad = csr_matrix(unit * np.kron(np.array(K) * [[1.0, 1.0], [1.0, last]], np.eye(2)))
         with pytest.raises(NoSolution, match="positive definite"):
-            TornFactor(csr_matrix(unit * np.array(K) * [[1.0, 1.0], [1.0, last]]), np.arange(2),
-                       np.array(seen)).reduced(np.empty(0, int))
-    sound = csr_matrix(unit * np.array([[2.0, -1.0], [-1.0, 2.0]]))
-    TornFactor(sound, np.arange(2), np.array(seen)).reduced(np.empty(0, int))
+            TornFactor(bad, *both).reduced(np.empty(0, int))
+    sound = csr_matrix(unit * np.kron([[2.0, -1.0], [-1.0, 2.0]], np.eye(2)))
+    TornFactor(sound, *both).reduced(np.empty(0, int))
 
 
 def test_the_lower_triangle_is_mirrored(monkeypatch):
@@ -94,29 +110,27 @@ def test_the_lower_triangle_is_mirrored(monkeypatch):
         assert np.array_equal(cholesky.mirrored(matrix.copy()), expected)
 
 
-def test_dofs_of_a_node_beside_one_another_make_a_block():
-    """A lone dof, here of nodes 7, 5, 8 and of another 5, has a place of nothing beside it."""
-    place, size = cholesky._pairs(np.array([3, 3, 7, 4, 4, 5, 8, 5]))
-    assert place.tolist() == [0, 1, 2, 4, 5, 6, 8, 10] and size == 12
-    place, size = cholesky._pairs(np.empty(0, int))
-    assert not len(place) and not size
-
-
-def test_factors_are_kept_in_blocks_of_nodes(monkeypatch):
-    """Both dofs of a node have the same neighbours: blocks hold no zeros but on the diagonal."""
-    made = []
-    monkeypatch.setattr(cholesky, "_in_blocks", lambda upper: made.append(upper))
-    side = np.eye(12) * 2 + np.eye(12, k=1) + np.eye(12, k=-1)
-    K = csr_matrix(np.kron(np.kron(side, side), [[1.0, 0.1], [0.1, 1.0]]) + 20 * np.eye(288))
-    TornFactor(K, np.arange(288), np.zeros(288, bool)).reduced(np.empty(0, int))
-    entries, blocks = made[0].nnz, made[0].tobsr((2, 2)).data.size
-    assert made[0].shape == (288, 288) and blocks == entries + 144
+@pytest.mark.parametrize("seed", range(20))
+def test_factors_are_kept_in_blocks_of_nodes(seed, monkeypatch):
+    """Nothing is left out, and blocks hold no zeros that L has not but one above the diagonal,
+    whatever the entries of the stiffness are and whichever dofs are free.
+    """
+    made, split = [], cholesky._blocks
+    monkeypatch.setattr(cholesky, "_blocks", lambda *L: made.append((*L, split(*L))) or made[0][2])
+    K, dofs, seen, corner = torn(seed)
+    TornFactor(K, dofs, dofs[seen] // 2).reduced(corner)
+    L, inner, (start, row, values) = made[0]
+    wanted = np.eye(L.size[0])
+    wanted[:, :inner] = np.array(matrix(L))[:, :inner]
+    whole = bsr_matrix((values.transpose(0, 2, 1), row, start), L.size)
+    assert np.array_equal(whole.toarray().T, wanted)
+    assert 4 * start[inner // 2] == len(L[:, :inner]) + inner // 2
 
 
 def test_a_subdomain_that_supports_hold_in_all_dofs_has_nothing():
     """A triangle in a clamped corner."""
-    factor = TornFactor(csr_matrix(np.eye(6)), np.empty(0, int), np.empty(0, bool))
+    factor = TornFactor(csr_matrix(np.eye(6)), *np.empty((2, 0), int))
     assert [part.shape for part in factor.reduced(np.empty(0, int))] == [(0, 0)] * 3
-    none = np.empty(0)
+    none = np.empty((2, 0))
     assert not factor.forward(none).size and not factor.forward_of_rows(none).size
-    assert not factor.backward(none, none).size and factor.solve(np.ones((0, 2))).shape == (0, 2)
+    assert not factor.backward(none, none).size and factor.solve(none.T).shape == (0, 2)

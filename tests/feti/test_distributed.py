@@ -16,7 +16,7 @@ import sys
 from math import fsum
 from pathlib import Path
 from driver import environment
-environment.prepare_blas(); environment.start_petsc()
+environment.prepare_libraries(); environment.start_petsc()
 import numpy as np
 from mpi4py import MPI
 from scipy.sparse import csr_matrix

@@ -611,7 +611,7 @@ def test_friction_alone_holds_the_model_or_not(solved, variant, friction, status
 SCRIPT = """
 import hashlib, sys
 from driver import environment
-environment.prepare_blas(); environment.start_petsc()
+environment.prepare_libraries(); environment.start_petsc()
 import numpy as np
 from mpi4py import MPI
 from pathlib import Path

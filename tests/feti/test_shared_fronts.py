@@ -15,7 +15,7 @@ SCRIPT = """
 import sys
 from pathlib import Path
 from driver import environment
-environment.prepare_blas(); environment.start_petsc()
+environment.prepare_libraries(); environment.start_petsc()
 import numpy as np
 from mpi4py import MPI
 from driver.errors import NotConverged

@@ -226,7 +226,7 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 from driver import environment
-environment.prepare_blas(); environment.start_petsc()
+environment.prepare_libraries(); environment.start_petsc()
 import numpy as np
 from mpi4py import MPI
 from driver.feti.operator import DualOperator

@@ -78,5 +78,5 @@ def test_kernels_of_openblas_are_the_same_where_they_run(flags, asked, kernels, 
     monkeypatch.setenv("OPENBLAS_CORETYPE", asked or "")
     if asked is None:
         monkeypatch.delenv("OPENBLAS_CORETYPE")
-    environment.prepare_blas()
+    environment.prepare_libraries()
     assert os.environ.get("OPENBLAS_CORETYPE") == kernels

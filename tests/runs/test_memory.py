@@ -140,8 +140,8 @@ def test_a_factorization_that_finds_no_memory_does_not_blame_the_supports(monkey
 
     monkeypatch.setattr(cholesky.cholmod, "numeric", starved)
     with pytest.raises(MemoryError) as problem:
-        none = np.zeros(3, bool)
-        cholesky.TornFactor(identity(3, format="csr"), np.arange(3), none).reduced(np.arange(0))
+        none = np.arange(0)
+        cholesky.TornFactor(identity(4, format="csr"), np.arange(4), none).reduced(none)
     assert shortage(problem.value) == NO_MEMORY
 
 
