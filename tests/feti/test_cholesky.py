@@ -17,8 +17,7 @@ ROUNDING = 1e-12
 
 
 def torn(seed: int):
-    """A random stiffness of nodes, torn dofs, those of seen nodes, and corners; some dofs are fixed.
-    """
+    """A random stiffness, torn dofs, those of seen nodes, and corners; some dofs are fixed."""
     rng = np.random.default_rng(seed)
     size = 2 * int(rng.integers(2, 75))
     A = random(size, size, rng.choice([0.005, 0.02, 0.1]), random_state=seed)
