@@ -67,6 +67,14 @@ LONGEST = ("test_cli", "test_hard", "test_model", "test_resume", "test_scenes_bo
            "test_operator")
 
 
+def pytest_configure(config):
+    """Modules are compiled once, not by every process of the driver, also where Python is told to
+    leave nothing beside them.
+    """
+    if os.environ.pop("PYTHONDONTWRITEBYTECODE", None):
+        os.environ["PYTHONPYCACHEPREFIX"] = str(config.cache.mkdir("bytecode"))
+
+
 def pytest_collection_modifyitems(config, items):
     """Of tests with a mark `some` a few parameter sets run by default, evenly spread, the others
     with the slow ones. In a parallel session the longest files come first.
