@@ -38,20 +38,20 @@ class TornFactor:
     One factorization serves both: the last rows of L for `reduced` and, without the corners, all
     of it for `solve`, kept in parts. CHOLMOD's own factor is used up where it hands out L.
 
-    L has both dofs of a node beside one another, with the same neighbours. One that supports hold
-    stands for itself there: off the diagonal its row and column are zeros.
+    L has both dofs of a node beside one another, with the same neighbours, if one is free. One that
+    supports hold stands for itself there: off the diagonal its row and column are zeros.
     """
 
     def __init__(self, K, torn: np.ndarray, nodes: np.ndarray, together: int = 1):
         """`K` (dofs, dofs) is CSR, `torn` (n_r,) are the torn dofs, t those of the `nodes` (n,).
 
-        Dofs 2 k and 2 k + 1 are of node k. So many right-hand sides are solved for `together`,
-        filled up with zeros: the bits of one do not depend on how many there are.
+        Dofs 2 k and 2 k + 1 are of node k. L_tt takes so many right-hand sides `together`, filled
+        up with zeros: the bits of one do not depend on how many there are.
         """
         self._K, self._torn, self._together = K, torn, together
         self.seen = np.isin(torn // 2, nodes)  # (n_r,) marks those of t
         self._columns = None  # the first columns of L
-        # places in L of torn dofs (n_r,), of t (n_t,) and of corners (n_c,), and the first of these
+        # places in L of torn dofs (n_r,), t (n_t,) and corners (n_c,), and where corner nodes begin
         self._place = self._of_t = self._of_c = self._end = None
         # of its last rows L_tt, half a matrix in LAPACK's rectangular full packed format, and L_ct
         self._packed = self._coupling = None
@@ -59,8 +59,8 @@ class TornFactor:
     def reduced(self, corner: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """K_rr^-1 (n_t, n_t) and K_rr^-1 K_rc (n_t, n_c) on t, and K_cc - K_cr K_rr^-1 K_rc.
 
-        `corner` (n_c,) are all free dofs of some nodes. Raises NoSolution unless K_rr is positive
-        definite.
+        `corner` (n_c,), ascending, are all free dofs of some nodes. Raises NoSolution unless K_rr
+        is positive definite.
         """
         K, torn, seen = self._K, self._torn, self.seen
         added = np.zeros(K.shape[0])
@@ -112,8 +112,8 @@ class TornFactor:
             part = right[first : first + self._together]
             filled = np.zeros((self._together, n_t))
             filled[: len(part)] = part
-            solved = lapack.dtfsm(1.0, self._packed, filled.T, uplo="L", trans=trans).T
-            result[first : first + self._together] = solved[: len(part)]
+            solved = lapack.dtfsm(1.0, self._packed, filled.T, uplo="L", trans=trans, overwrite_b=1)
+            result[first : first + self._together] = solved.T[: len(part)]
         return result
 
     def backward(self, forward: np.ndarray, corner: np.ndarray) -> np.ndarray:
@@ -123,6 +123,7 @@ class TornFactor:
         """
         whole = np.zeros((len(forward), self._columns.size))
         whole[:, : self._end] = forward
+        # one by one: bits do not depend on how many there are
         on_rows = forward[:, self._of_t] - np.array([u @ self._coupling for u in corner])
         whole[:, self._of_t] = self._on_rows(on_rows, "T")
         whole[:, self._of_c] = corner
@@ -151,10 +152,10 @@ class _FirstColumns:
     def _solved(self, solve: str, right: np.ndarray) -> np.ndarray:
         result = np.empty(right.shape)
         if result.size:
-            x, y = self._upper.createVecs()
+            (x, y), solve = self._upper.createVecs(), getattr(self._upper, solve)
             for given, found in zip(right, result):
                 x.array[:] = given
-                getattr(self._upper, solve)(x, y)
+                solve(x, y)
                 found[:] = y.array
         return result
 
@@ -190,6 +191,7 @@ def _in_order(blocks, parts: list[np.ndarray], free: np.ndarray, added: np.ndarr
         return None, order, 0
     last = np.arange(2 * inner, len(order))
     for roots in (lambda *_: np.arange(inner)[-1:], _roots):
+        factor = None  # before the next one is made
         factor = _factorized(_lower(blocks, nodes, inner, free[order], roots), added[order])
         rows = _permutation(factor, len(order))
         if np.array_equal(rows[2 * inner :], last):
@@ -209,7 +211,9 @@ def _last_rows(L: spmatrix, first: int, which: np.ndarray) -> np.ndarray:
     if not len(which):
         return np.empty((0, 0))
     last = np.array(matrix(L[first:, first:]))
-    return last if len(which) == len(last) else last[np.ix_(which - first, which - first)]
+    if np.array_equal(which, np.arange(first, first + len(last))):
+        return last
+    return last[np.ix_(which - first, which - first)]
 
 
 def _packed(L: np.ndarray) -> np.ndarray | None:

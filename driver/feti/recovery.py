@@ -6,11 +6,12 @@
 
 import numpy as np
 
+from .blocks import BLOCK
 from .coarse import CoarseProblem
 from .reduction import LocalClass
 from .structure import Substructure
 
-AT_ONCE = 64  # members of a class that are solved for together: their fields stay in the cache
+ENTRIES = 40_000  # of displacements of a class's members that are solved for at once, about
 
 
 class Recovery:
@@ -88,7 +89,8 @@ class Recovery:
         """
         fields = [np.empty(0)] * len(self.structure.subdomains)
         for c in self.classes:
-            shape, step = (len(c.members), -1), AT_ONCE if c.shared else 1
+            shape = len(c.members), -1
+            step = BLOCK * (ENTRIES // (BLOCK * c.K.shape[0]) + 1) if c.shared else 1
             multipliers, places = rows[c.rows].reshape(shape), corner[c.corners].reshape(shape)
             for first in range(0, len(c.members), step):
                 part = slice(first, first + step)
@@ -103,7 +105,8 @@ class Recovery:
         displacements `corner` (k, n_c).
         """
         structure, acting = self.structure, np.flatnonzero(weights[: self.structure.patterns])
-        down = -c.factor.forward_of_rows((c.B_r.T @ multipliers.T).T)
+        # without -0.0, which members at rest would have beside others that are not
+        down = 0.0 - c.factor.forward_of_rows((c.B_r.T @ multipliers.T).T)
         for s, own in zip(members, down):
             for k in acting if self._acts[s] else ():
                 own += weights[k] * self._down(s, c, k)

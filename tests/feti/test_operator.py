@@ -640,7 +640,9 @@ for directory in sys.argv[1:]:
     assert op.dots((x, y), (x, x)).tolist() == [op.dot(x, y), op.dot(x, x)]
     solver = Problem(manifest, structure, op).solver(Settings())
     found.append(np.array([step.multipliers for step in solver.steps()]).T)
-    found.append([op.rigid_parts.deformation(op.deformations(x, ones))] * (comm.rank == 0))
+    fields = op.deformations(x, ones)
+    found.append([op.rigid_parts.deformation(fields)] * (comm.rank == 0))
+    found.append(np.concatenate([np.empty(0), *fields]))
     found = [np.concatenate(comm.gather(np.asarray(part, float)) or [[]]) for part in found]
     if comm.rank == 0:
         print(*(hashlib.sha1(part.tobytes()).hexdigest()[:12] for part in found))
@@ -648,8 +650,8 @@ for directory in sys.argv[1:]:
 
 
 def test_any_split_gives_the_same_bits(exported, tmp_path):
-    """Products, loads, preconditioner, scalar products, one by one and several at once, all steps
-    and what bodies deform by: sums are taken in an order the ranks do not change.
+    """Products, loads, preconditioner, scalar products, one by one and several at once, all steps,
+    displacements and what bodies deform by: sums are taken in an order the ranks do not change.
     """
     script = tmp_path / "split.py"
     script.write_text(SCRIPT)
@@ -662,7 +664,7 @@ def test_any_split_gives_the_same_bits(exported, tmp_path):
                               capture_output=True, timeout=120)
         assert done.returncode == 0, done.stderr[-2000:]
         answers[ranks] = done.stdout
-    assert len(answers[1].split()) == 18
+    assert len(answers[1].split()) == 21
     assert answers[1] == answers[2] == answers[3]
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from driver.feti import vectors
+from driver.feti import recovery, vectors
 from driver.feti.gathering import by_node, exact_sum, joined, lookup
 from driver.feti.nodal import NodalFields
 from driver.feti.operator import DualOperator
@@ -71,6 +71,29 @@ def test_the_latest_fields_are_kept_for_readers_alone(operator):
     again = operator.deformations(x, weights)
     for u, v in zip(again, copies):
         np.testing.assert_array_equal(u, v)
+
+
+def test_fields_have_the_same_bits_in_any_groups_of_a_class(built, monkeypatch):
+    """Which subdomains that are alike are solved for at once follows from ranks. Those of which
+    only one bears forces: its mates are at rest, with zeros that have no sign.
+    """
+    operator = built(cells=4, subdomains="8x4").operator
+    many = max(operator.classes, key=lambda c: len(c.members))
+    assert many.shared and len(many.members) > 8
+    rng = np.random.default_rng(4)
+    rows = np.zeros(operator.classes[-1].rows.stop)
+    own = slice(many.rows.start, many.rows.start + many.F.shape[0])
+    rows[own] = rng.standard_normal(many.F.shape[0])
+    weights, corner = np.zeros(operator.structure.patterns), np.zeros(len(operator.coarse.numbers))
+    fields = operator._recovery.between_corners(rows, weights, corner)
+    rest = [s for s in range(len(fields)) if s != many.members[0]]
+    assert fields[many.members[0]].any()
+    assert not any(fields[s].any() or np.signbit(fields[s]).any() for s in rest)
+    rows, corner = rng.standard_normal(len(rows)), rng.standard_normal(len(corner))
+    fields = operator._recovery.between_corners(rows, weights + 1, corner)
+    monkeypatch.setattr(recovery, "ENTRIES", 0)
+    apart = operator._recovery.between_corners(rows, weights + 1, corner)
+    assert [u.tobytes() for u in fields] == [u.tobytes() for u in apart]
 
 
 def test_displacements_of_corners_are_those_of_the_fields(operator):

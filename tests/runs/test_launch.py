@@ -80,3 +80,15 @@ def test_kernels_of_openblas_are_the_same_where_they_run(flags, asked, kernels, 
         monkeypatch.delenv("OPENBLAS_CORETYPE")
     environment.prepare_libraries()
     assert os.environ.get("OPENBLAS_CORETYPE") == kernels
+
+
+def test_numpy_asks_for_no_huge_pages():
+    """It is told so before it is loaded, as by every process of the driver."""
+    lines = ("from driver import environment", "import sys; assert 'numpy' not in sys.modules",
+             "environment.prepare_libraries(); import numpy as np",
+             "print(np.core.multiarray._set_madvise_hugepage(1))")
+    done = subprocess.run([sys.executable, "-c", "\n".join(lines)], capture_output=True, text=True,
+                          cwd=environment.ROOT, timeout=60,
+                          env={name: value for name, value in os.environ.items()
+                               if name != "NUMPY_MADVISE_HUGEPAGE"})
+    assert done.stdout == "False\n", done.stderr
