@@ -324,6 +324,7 @@ def test_bilateral_contact_pulls_as_it_presses(solved, named_scene):
 
 
 @pytest.mark.parametrize("element", ["P1", "P2"])
+@pytest.mark.some(1)
 def test_a_vertex_that_rests_in_its_corner(checked, named_scene, element):
     """It arrives against the friction of both sides; after that it needs none, at any cut."""
     path = named_scene("rest", REST)
@@ -377,6 +378,7 @@ def test_a_preload_at_corners_knows_no_friction(solved, named_scene, name, text,
 @pytest.mark.parametrize("options", [
     {"sides": 8, "turn": 0.725, "friction": 0.7, "pull": -0.00134, "shear": -0.00204},
     {"sides": 6, "turn": 0.423, "friction": 0.75, "pull": -0.00285, "shear": 0.00104}])
+@pytest.mark.some(1)
 def test_friction_drags_corners_from_side_to_side(checked, named_scene, options):
     """A press fit whose sides turn by 45 and 60 degrees, clamped: vertices stand on two sides that
     friction alone holds together. All laws, and the cut makes no difference.

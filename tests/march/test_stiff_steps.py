@@ -257,6 +257,7 @@ def test_reported_displacements_are_those_that_residuals_are_of(built, steps_of)
     assert np.abs(state["u_n"][state["sigma_n"] < 0]).max() <= 1e-6 * 7e-10
 
 
+@pytest.mark.slow  # a step of many refined products
 def test_springs_that_hold_bodies_are_in_no_residual_of_refined_displacements(
         built, steps_of, named_scene):
     """They had moved the body by 5e-5 of what its stiff half deforms by, 2e-5: distances that the

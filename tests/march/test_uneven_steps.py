@@ -119,6 +119,7 @@ def test_cuts_agree_on_displacements_where_no_contact_is_stiff(built, steps_of, 
     assert np.abs(one - other).max() <= 2e-4 * np.abs(one).max()
 
 
+@pytest.mark.slow  # two runs with many refined products
 def test_nodes_that_stick_do_not_slip_about_refined_displacements(solved, named_scene):
     """Slip had counted from displacements by factors: 1e-5 of the deformation in later steps."""
     run = solved(scene=named_scene("corner", CORNER), element="P2-mixed", steps=6,
@@ -235,6 +236,7 @@ def test_residuals_lose_nothing_beside_loads_of_heat(weak):
         assert lost <= 1e-3 * np.finfo(LONG).eps * np.abs(loads[0]).max()
 
 
+@pytest.mark.slow  # as above
 def test_nodes_that_move_with_their_body_slide_on_their_bounds(built, steps_of, named_scene):
     """One over its compliance tells of the springs that a stiff body hangs on, and nothing of a
     node: inside its bound by a rounding it had stuck, and steps from there led nowhere.

@@ -313,12 +313,14 @@ def test_a_scene_that_refuses_quadratic_elements_has_linear_ones():
     assert list(search.levels.problems) == [(("cells", 1),)]
 
 
+@pytest.mark.slow  # two searches
 def test_history_that_does_not_matter_takes_one_step(solved):
     assert solved("thermal", accuracy="3%,normal_resultant").summary["steps"] == 1
     # the largest pressure is on the way
     assert solved("bar", accuracy="3%,peak_pressure").summary["steps"] > 1
 
 
+@pytest.mark.slow  # a search to its finest mesh
 def test_a_singular_pressure_cannot_be_had(solved):
     run = solved("punch", accuracy="10%,peak_pressure")
     assert run.status == 3 and "grows from mesh to mesh" in run.reason
@@ -345,6 +347,7 @@ def test_a_request_beyond_the_limits_is_refused_with_what_was_reached(solved, mo
     assert run.summary["accuracy"]["reached"] > 1e-6
 
 
+@pytest.mark.slow  # a search over steps
 def test_steps_that_do_not_suffice_are_found_out_on_coarse_meshes(solved, monkeypatch):
     """No mesh makes up for them."""
     monkeypatch.setattr(trials, "SAMPLING", 2)

@@ -124,6 +124,7 @@ def test_friction_values_agree_with_single_runs(made, solved):
 
 
 @pytest.mark.parametrize("loading", ["monotone", "nonmonotone"])
+@pytest.mark.some(1)
 def test_values_depend_neither_on_their_order_nor_on_newton(made, monkeypatch, loading):
     """Forth and back, in chains of three that start elsewhere, and by successive approximations
     alone."""
