@@ -32,15 +32,14 @@ ASTRAY = 1e6  # growth of multipliers after which they are no start: their round
 class FixedPoint:
     """Multipliers that solve the QP with the friction bound of their pressures. Collective."""
 
-    def __init__(self, qp: FrictionQP, bodies, slip: SlipState, condensation: Condensation,
-                 single: bool = False):
-        """`bodies`: FreeBodies of effects/free_bodies.py, or SupportedBodies; `single` step."""
+    def __init__(self, qp: FrictionQP, bodies, slip: SlipState, condensation: Condensation):
+        """`bodies`: FreeBodies of effects/free_bodies.py, or SupportedBodies."""
         self.qp, self.bodies, self.slip, self.condensation = qp, bodies, slip, condensation
         self.operator, self.rows = qp.operator, qp.rows
         self.settings, self.history = qp.settings, qp.history
         coupled = len(self.rows.tangential) > 0 and not self.rows.bound_is_given
         self.search = CondensedSearch(qp, bodies, slip, condensation)
-        self.shortcut = Shortcut(qp, slip, condensation, single)
+        self.shortcut = Shortcut(qp, slip, condensation)
         self.corrects_motion, self.rtol = False, self.settings.friction_rtol
         self.coupled = bool(self.operator.comm.allreduce(int(coupled)))
 

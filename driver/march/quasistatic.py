@@ -82,8 +82,7 @@ class QuasistaticSolver:
         self.bodies = self._bodies()
         self.condensation = Condensation(operator, self.rows)
         self.residuals = Residuals(self.qp, self.bodies, self.slip, self.condensation)
-        self.fixed_point = FixedPoint(self.qp, self.bodies, self.slip, self.condensation,
-                                      single=len(self.times) == 2 and self.cycles is None)
+        self.fixed_point = FixedPoint(self.qp, self.bodies, self.slip, self.condensation)
         self.corners = self.fixed_point if self.rows.corners is None else (
             CornerStates(self.fixed_point, self.contact))
         self.closure = self._closure()

@@ -30,9 +30,9 @@ SEEN = 3  # changes from which the next ones are extrapolated
 FASTEST, SLOWEST = 0.05, 0.9  # factors between changes that this relies on
 LEAST = 120  # products to come below which little is to be gained: a few hundredths of a second
 SPENT = 30  # products before which the first changes say little of the later ones
-MANY_ROWS = 2000  # from which elimination may come first; with fewer all takes tenths of a second
-# the same of a single step, for which alone QPs would prepare: tenths of seconds, too
-MANY_OF_ONE_STEP = 500
+# from which elimination may come first: with 700, 20 steps take 0.4 s in place of 4.5 s, as what
+# goes with a product costs more than it; with 100 to 200 neither way was found quicker
+MANY_ROWS = 500
 # products that it may then take. The fixed point takes 50 to 100, and each as long again and again
 # for what goes with it: preconditioner, relaxation of the contact rows
 AT_ONCE = 200
@@ -43,11 +43,8 @@ PASSES = 3  # of Newton's method: products show what rounding has left
 class Shortcut:
     """Of one fixed point. Collective."""
 
-    def __init__(self, qp: FrictionQP, slip: SlipState, condensation: Condensation,
-                 single: bool = False):
-        """`single`: the load history has one step."""
+    def __init__(self, qp: FrictionQP, slip: SlipState, condensation: Condensation):
         self.qp, self.rows, self.slip, self.condensation = qp, qp.rows, slip, condensation
-        self.single = single
 
     @property
     def possible(self) -> bool:
@@ -79,8 +76,7 @@ class Shortcut:
     def _comes_first(self) -> bool:
         """Whether sizes alone tell that elimination is cheaper than successive approximations."""
         condensation, operator = self.condensation, self.condensation.operator
-        many = MANY_OF_ONE_STEP if self.single else MANY_ROWS
-        few = operator.structure.dual_dofs < many or not condensation.size
+        few = operator.structure.dual_dofs < MANY_ROWS or not condensation.size
         if few or operator.alike or not self.possible:
             return False
         elimination = condensation.elimination
