@@ -141,7 +141,7 @@ def heed_interrupts() -> None:
 def prepare_libraries() -> None:
     """One thread a rank, the same kernels of OpenBLAS everywhere, small pages for numpy.
 
-    Before they are loaded.
+    To be called before these are loaded.
 
     Many small dense products and factors run slower with more threads. CHOLMOD asks for four
     whatever OMP_NUM_THREADS says, for every few columns of a factor: on subdomains waiting for them

@@ -6,12 +6,9 @@
 
 import numpy as np
 
-from .blocks import BLOCK
 from .coarse import CoarseProblem
 from .reduction import LocalClass
 from .structure import Substructure
-
-ENTRIES = 40_000  # of displacements of a class's members that are solved for at once, about
 
 
 class Recovery:
@@ -90,10 +87,8 @@ class Recovery:
         fields = [np.empty(0)] * len(self.structure.subdomains)
         for c in self.classes:
             shape = len(c.members), -1
-            step = BLOCK * (ENTRIES // (BLOCK * c.K.shape[0]) + 1) if c.shared else 1
             multipliers, places = rows[c.rows].reshape(shape), corner[c.corners].reshape(shape)
-            for first in range(0, len(c.members), step):
-                part = slice(first, first + step)
+            for part in c.groups():
                 u = self._between(c, c.members[part], multipliers[part], weights, places[part])
                 for s, field in zip(c.members[part], u):
                     fields[s] = field
@@ -119,7 +114,10 @@ class Recovery:
         return u
 
     def _down(self, s: int, c: LocalClass, k: int) -> np.ndarray:
-        """The pass of load pattern k down the factor of local subdomain s, of class c."""
+        """The pass of load pattern k down the factor of local subdomain s, of class c.
+
+        As TornFactor.forward gives it for one right-hand side.
+        """
         if (s, k) not in self._forward:
             self._forward[s, k] = c.factor.forward(self.loads[s][k][None, c.torn])[0]
         return self._forward[s, k]
@@ -183,4 +181,6 @@ def _class_displacements(c: LocalClass, f: np.ndarray, corner: np.ndarray) -> np
 
 def _torn_displacements(c: LocalClass, forces: np.ndarray) -> np.ndarray:
     """K_rr^-1 times `forces` (n_r, members) on a class, without a solution where they are zero."""
-    return c.factor.solve(forces) if forces.any() else np.zeros_like(forces)
+    if not forces.any():
+        return np.zeros_like(forces)
+    return np.column_stack([c.factor.solve(forces[:, part]) for part in c.groups()])

@@ -20,6 +20,7 @@ from .structure import Substructure
 
 LEAST = 0.01  # of K's diagonal: the smallest stiffness of a corner in springs
 DIGEST = 20  # bytes of a sha1
+ENTRIES = 40_000  # of displacements of a class's members that are solved for at once, about
 SAME = 1e-12  # stiffness entries equal to this, relative to the largest, differ by rounding only
 
 
@@ -50,6 +51,11 @@ class LocalClass:
 
     def __post_init__(self):
         self.A_transposed = np.ascontiguousarray(self.A.T)
+
+    def groups(self) -> list[slice]:
+        """Members that are solved for at once: few enough that their fields stay in the cache."""
+        step = BLOCK * (ENTRIES // (BLOCK * self.K.shape[0]) + 1) if self.shared else 1
+        return [slice(first, first + step) for first in range(0, len(self.members), step)]
 
     @property
     def corner_stiffness(self) -> np.ndarray:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from driver.feti import recovery, vectors
+from driver.feti import reduction, vectors
 from driver.feti.gathering import by_node, exact_sum, joined, lookup
 from driver.feti.nodal import NodalFields
 from driver.feti.operator import DualOperator
@@ -91,7 +91,7 @@ def test_fields_have_the_same_bits_in_any_groups_of_a_class(built, monkeypatch):
     assert not any(fields[s].any() or np.signbit(fields[s]).any() for s in rest)
     rows, corner = rng.standard_normal(len(rows)), rng.standard_normal(len(corner))
     fields = operator._recovery.between_corners(rows, weights + 1, corner)
-    monkeypatch.setattr(recovery, "ENTRIES", 0)
+    monkeypatch.setattr(reduction, "ENTRIES", 0)
     apart = operator._recovery.between_corners(rows, weights + 1, corner)
     assert [u.tobytes() for u in fields] == [u.tobytes() for u in apart]
 
