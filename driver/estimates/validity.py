@@ -324,8 +324,7 @@ def _angle(normal: np.ndarray, used: np.ndarray) -> np.ndarray:
 
 def _deformation(sub, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(n_t,) largest principal strain, by size, and rotation of the triangles' linear parts."""
-    gradient = np.einsum("tcj,tck->tjk", elements.hat_gradients(sub.xy[sub.triangles]),
-                         u.reshape(-1, 2)[sub.triangles])  # [t, j, k] = d u_k / d x_j
+    gradient = elements.linear_gradients(sub.xy[sub.triangles], u.reshape(-1, 2)[sub.triangles])
     e11, e22 = gradient[:, 0, 0], gradient[:, 1, 1]
     shear = (gradient[:, 0, 1] + gradient[:, 1, 0]) / 2
     strain = np.abs(e11 + e22) / 2 + np.hypot((e11 - e22) / 2, shear)

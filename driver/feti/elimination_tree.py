@@ -96,6 +96,11 @@ class EliminationTree:
         """Multiplications that all of it takes."""
         return sum(front.operations for front in self.fronts)
 
+    @property
+    def entries(self) -> int:
+        """Numbers that its factors have."""
+        return sum(front.pivots * front.size for front in self.fronts)
+
     def shared(self, holders: np.ndarray, ranks: int) -> tuple[np.ndarray, np.ndarray]:
         """(fronts + 1,) the ranks that make the fronts and what is left on contact, and their turn.
 

@@ -35,6 +35,9 @@ SHARED = 5.0  # multiplications with a matrix that many subdomains share
 WITH_PRECONDITIONER = 2.0  # the Dirichlet preconditioner has matrices of the size of F's
 # multiplications in the time that a front takes however small, and a product with what QPs do by it
 EACH_FRONT, EACH_PRODUCT = 4e5, 8e5
+# numbers in memory: of a dof with mesh, stiffness and solutions, and of its subdomain's own factor;
+# what any machine has room for
+A_DOF, FACTORIZED, LITTLE = 25, 200, 2**25
 A_BLOCK = 200  # entries that are added one by one in the time that a block takes however small
 
 
@@ -89,7 +92,9 @@ class GluingElimination:
     """Elimination of all but the contact rows; the ranks share the fronts. Collective.
 
     What a front is made of is added in an order that does not depend on who has it. Of a body
-    without free rigid motions. `price` is what `compliance` takes on one rank, in products with F.
+    without free rigid motions. `price` is what `compliance` takes on one rank, in products with F;
+    `fits` is whether its factors take no more memory than all else, or little: subdomains that are
+    alike share their factors, but no front.
     """
 
     def __init__(self, operator: DualOperator):
@@ -112,6 +117,9 @@ class GluingElimination:
         fronts = self._tree.operations / SPEED + EACH_FRONT * len(self._tree.fronts)
         self._product = WITH_PRECONDITIONER * work + EACH_PRODUCT
         self.price = fronts / self._product
+        held = sum(self._of_subdomains(
+            lambda s, c: structure.subdomains[s].dofs * (A_DOF + (not c.shared) * FACTORIZED)))
+        self.fits = self._tree.entries <= max(held, LITTLE)
 
     def compliance(self) -> np.ndarray:
         """C (c, c) as `contact_row_numbers` orders it; made once. Raises NotConverged."""

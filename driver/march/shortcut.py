@@ -52,8 +52,10 @@ class Shortcut:
 
         And has one solution: of several Newton's method may find another one.
         """
-        plain = self.rows.corners is None and self.rows.idle is None
-        if not plain or self.condensation.elimination is None:
+        if self.rows.corners is not None or self.rows.idle is not None:
+            return False
+        elimination = self.condensation.elimination
+        if elimination is None or not elimination.fits:
             return False
         if self.slip.effects.coefficient_changes or self.slip.effects.closes:
             return False

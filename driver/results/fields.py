@@ -1,8 +1,7 @@
 """Stage 7: fields for ParaView: displacements and stresses of the bodies.
 
 A VTU file a step, step 0 being the undeformed bodies, named with its time in fields.pvd; of large
-bodies a PVTU file that names the VTU files of pieces. A piece is a range of subdomains, the same on
-any number of ranks; the rank that has its first one writes it, so that no rank gathers a field.
+bodies a PVTU file that names the VTU files of pieces (pieces.py).
 
 Points are the nodes of the torn subdomains. Stresses at points are means over the triangles round
 the node in its body, weighted by their areas (Zienkiewicz, Zhu, IJNME 24 (1987) 337-357), of
@@ -15,7 +14,6 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import agreed_writes
-from ..feti.exchange import exchange
 from ..feti.gathering import gather, joined, largest
 from ..feti.operator import DualOperator
 from ..files import renamed
@@ -25,12 +23,14 @@ from ..scene.kinematics import corner_stresses, stresses, von_mises
 from ..scene.loader import Subdomain
 from .contact_lines import ContactLines
 from .nodal_means import NodalMeans
+from .pieces import Pieces
 from .tables import FIELDS_FOLDER, STRESSES, contact_file, error_file, field_file, piece_file
 from .vtu import VtuMesh, attributes
 
 SAME_MATERIAL = 1e-9  # relative difference of moduli: means over triangles, which round
-PIECE = 100_000  # points of a piece, roughly
 COMPONENTS = {"stress": STRESSES}
+POINTS = {"displacement": (float, 3), "stress": (float, 4)}
+CELLS = {"stress": (float, 4), "von_mises": (float,)}
 
 
 class Fields:
@@ -41,21 +41,25 @@ class Fields:
         self.directory, self.operator, self.root = directory, operator, operator.comm.rank == 0
         self.steps = []  # (time, number) of every step
         self.errors = []  # likewise, of those with an error indicator
-        self._share_out()
+        structure = operator.structure
+        subs, contact = structure.subdomains, structure.contact.declared
+        self._drawn = [_drawn(sub) for sub in subs]
+        points = np.array([drawn.sum() for drawn in self._drawn], np.int64)
+        triangles = np.array([len(sub.triangles) for sub in subs], np.int64)
+        self._starts = np.cumsum(points) - points
+        self.pieces = Pieces(operator.comm, structure.first, structure.total, points, triangles)
         self.meshes = self._meshes(min(6, element_kinds.NODES[element]))
-        self.lines, contact = None, operator.structure.contact.declared
+        self.lines = None
         if len(contact.gid):
-            self.lines = ContactLines(directory, operator.structure, self.root)
-            self._touching = [np.flatnonzero(np.isin(sub.node_gid, contact.gid))
-                              for sub in operator.structure.subdomains]
+            self.lines = ContactLines(directory, structure, self.root)
+            self._touching = [np.flatnonzero(np.isin(sub.node_gid, contact.gid)) for sub in subs]
         with agreed_writes(operator.comm):
             if self.root:
                 (directory / FIELDS_FOLDER).mkdir(exist_ok=True)
-        subs = operator.structure.subdomains
-        points, triangles = self._points.sum(), sum(len(sub.triangles) for sub in subs)
-        self._write(field_file(0, self.pieces), {"displacement": np.zeros((points, 3)),
-                                                 "stress": np.zeros((points, 4))},
-                    {"stress": np.zeros((triangles, 4)), "von_mises": np.zeros(triangles)})
+        self._write(field_file(0, self.pieces.count), *(
+            lambda s, of=of, rows=rows: {name: np.zeros((rows[s], *width), kind)
+                                         for name, (kind, *width) in of.items()}
+            for of, rows in ((POINTS, points), (CELLS, triangles))))
 
     def add(self, step: Step, displacements: list[np.ndarray], state: dict,
             written: bool = False) -> None:
@@ -69,14 +73,18 @@ class Fields:
             return
         subs = self.operator.structure.subdomains
         means = [stresses(sub, u, step.weights) for sub, u in zip(subs, displacements)]
-        corners = joined((corner_stresses(sub, u, step.weights, mean)
-                          for sub, u, mean in zip(subs, displacements, means)), float, 3, 4)
-        stress = joined(means, float, 4)
+        nodal = self._means(lambda s: corner_stresses(subs[s], displacements[s], step.weights,
+                                                      means[s]), 4)
         whole = [u.reshape(-1, 2) for u in self.operator.with_travel(displacements, step.weights)]
-        shown = joined((u[_drawn(sub)] for sub, u in zip(subs, whole)), float, 2)
-        self._write(field_file(step.index, self.pieces),
-                    {"displacement": _in_space(shown), "stress": self._means(corners)},
-                    {"stress": stress, "von_mises": von_mises(stress)})
+
+        def points(s: int) -> dict[str, np.ndarray]:
+            own = slice(self._starts[s], self._starts[s] + self.pieces.points[s])
+            return {"displacement": _in_space(whole[s][self._drawn[s]]), "stress": nodal[own]}
+
+        def cells(s: int) -> dict[str, np.ndarray]:
+            return {"stress": means[s], "von_mises": von_mises(means[s])}
+
+        self._write(field_file(step.index, self.pieces.count), points, cells)
         if self.lines is not None:
             self._write_lines(step, whole, state)
 
@@ -94,18 +102,17 @@ class Fields:
     def indicate(self, step: Step, indicator: np.ndarray | None) -> None:
         """A file of its own with the error indicator (n_t,) of a step, which rank 0 has."""
         self.errors.append((step.time, step.index))
-        comm, to, values = self.operator.comm, np.empty(0, np.int64), np.empty(0)
-        if self.root:
-            to, values = np.repeat(self._writer, self._triangles), indicator
-        _, own = exchange(comm, to, values)
-        self._write_pieces(error_file(step.index, self.pieces), {}, {"error_indicator": own})
+        for turn in range(self.pieces.turns):
+            own = self.pieces.scattered(turn, indicator)
+            self._write_piece(error_file(step.index, self.pieces.count), turn, {},
+                              {"error_indicator": own})
 
     @property
     def files(self) -> list[str]:
         """Files of the steps, relative to the directory."""
-        names = [field_file(index, self.pieces) for _, index in self.steps]
-        if self.pieces > 1:
-            names += [piece_file(name, k) for name in names for k in range(self.pieces)]
+        names = [field_file(index, self.pieces.count) for _, index in self.steps]
+        if self.pieces.count > 1:
+            names += [piece_file(name, k) for name in names for k in range(self.pieces.count)]
         if self.lines is not None:
             names += [contact_file(index) for _, index in self.steps]
         return names
@@ -113,101 +120,70 @@ class Fields:
     def write_collections(self) -> None:
         """fields.pvd, contact.pvd, error.pvd, which name the files and their times; on rank 0."""
         _collection(self.directory / "fields.pvd",
-                    [(time, field_file(index, self.pieces))
+                    [(time, field_file(index, self.pieces.count))
                      for time, index in [(0.0, 0), *self.steps]])
         if self.lines is not None:
             _collection(self.directory / "contact.pvd",
                         [(time, contact_file(index)) for time, index in self.steps])
         if self.errors:
             _collection(self.directory / "error.pvd",
-                        [(time, error_file(index, self.pieces))
+                        [(time, error_file(index, self.pieces.count))
                          for time, index in sorted(self.errors)])
 
     # ---- pieces --------------------------------------------------------------------------------
-    def _share_out(self) -> None:
-        """How many pieces there are, who writes them, and what this rank's subdomains go to."""
-        structure, comm = self.operator.structure, self.operator.comm
-        subs, total = structure.subdomains, structure.total
-        self._points = np.array([_drawn(sub).sum() for sub in subs], np.int64)
-        points = comm.allreduce(int(self._points.sum()))
-        self.pieces = min(total, max(1, round(points / PIECE)))
-        first = total * np.arange(self.pieces) // self.pieces
-        self._writer = ((first + 1) * comm.size - 1) // total  # see structure.partition
-        self._mine = np.flatnonzero(self._writer == comm.rank)
-        piece = np.searchsorted(first, [sub.index for sub in subs], side="right") - 1
-        triangles = np.array([len(sub.triangles) for sub in subs], np.int64)
-        counts = [np.bincount(piece, of, self.pieces).astype(np.int64)
-                  for of in (self._points, triangles)]
-        counts, self._triangles = (comm.allreduce(count) for count in counts)
-        self._to = {"points": np.repeat(self._writer[piece], self._points),
-                    "cells": np.repeat(self._writer[piece], triangles)}
-        self._ends = {kind: np.cumsum(of[self._mine])[:-1]
-                      for kind, of in (("points", counts), ("cells", self._triangles))}
-
-    def _received(self, kind: str, values: np.ndarray) -> np.ndarray:
-        """Values of the rank's pieces, for those (n, ...) of the points or cells of its subdomains.
-        """
-        return exchange(self.operator.comm, self._to[kind], values)[1]
-
-    def _split(self, kind: str, values: np.ndarray) -> list[np.ndarray]:
-        """Values of all of the rank's pieces, piece by piece."""
-        return np.split(values, self._ends[kind]) if len(self._mine) else []
-
     def _meshes(self, nodes: int) -> list[VtuMesh]:
         """The meshes of the rank's pieces; collective.
 
         With subdomain, body and region of the triangles, and shear_modulus where that differs.
         """
-        subs, comm = self.operator.structure.subdomains, self.operator.comm
-        drawn = [_drawn(sub) for sub in subs]
-        numbers = [(np.cumsum(shown) - 1)[sub.elements[:, :nodes]]
-                   for sub, shown in zip(subs, drawn)]
-        self._means = NodalMeans(
-            comm, joined((sub.node_gid[shown] for sub, shown in zip(subs, drawn)), np.int64),
-            joined((sub.xy[shown] for sub, shown in zip(subs, drawn)), float, 2),
-            joined((own + k for own, k in zip(numbers, np.cumsum(self._points) - self._points)),
-                   np.int64, nodes))
+        subs, comm, pieces = self.operator.structure.subdomains, self.operator.comm, self.pieces
+        places = [sub.xy[drawn] for sub, drawn in zip(subs, self._drawn)]
+        numbers = [(np.cumsum(drawn) - 1)[sub.elements[:, :nodes]]
+                   for sub, drawn in zip(subs, self._drawn)]
+        gid = [sub.node_gid[drawn] for sub, drawn in zip(subs, self._drawn)]
+        self._means = NodalMeans(comm, gid, places, numbers)
+        bodies = self._means.bodies()
+        layout = {"subdomain": (int,), "body": (int,), "region": (int,)}
         shear = joined((sub.elasticity[:, 2, 2] for sub in subs), float)
-        data = {"subdomain": joined((np.full(len(sub.triangles), sub.index) for sub in subs), int),
-                "body": self._means.bodies(),
-                "region": joined((sub.region for sub in subs), int)}
         low, high = largest(comm, np.array([(-shear).max(initial=-np.inf),
                                             shear.max(initial=-np.inf)]))
         if high + low > SAME_MATERIAL * high:
-            data["shear_modulus"] = shear
-        size = np.repeat(self._points, [len(own) for own in numbers])
-        *data_, cells, size = (self._split("cells", self._received("cells", values)) for values in (
-            *data.values(), joined(numbers, np.int64, nodes), size))
-        data = dict(zip(data, data_))
-        xy = self._split("points", self._received("points", self._means.xy))
+            layout["shear_modulus"] = (float,)
+
+        def cells(s: int) -> dict[str, np.ndarray]:
+            sub, count = subs[s], pieces.triangles[s]
+            return {"subdomain": np.full(count, sub.index), "body": bodies[s],
+                    "region": sub.region, "shear_modulus": sub.elasticity[:, 2, 2],
+                    "nodes": numbers[s], "size": np.full(count, pieces.points[s])}
+
         meshes = []
-        for k, (places, own) in enumerate(zip(xy, cells)):
-            new = np.diff(data["subdomain"][k], prepend=-1) != 0  # triangles that begin one
-            first = np.cumsum(size[k][new]) - size[k][new]
-            own = own + first[np.cumsum(new) - 1][:, None]
-            own = own[:, elements.TO_VTK] if nodes == 6 else own
-            meshes.append(VtuMesh(_in_space(places), own,
-                                  {name: of[k] for name, of in data.items()}, COMPONENTS))
+        for turn in range(pieces.turns):
+            at = pieces.received(turn, pieces.points, {"xy": (float, 2)},
+                                 lambda s: {"xy": places[s]})["xy"]
+            data = pieces.received(turn, pieces.triangles, layout, cells)
+            of = pieces.received(turn, pieces.triangles, {"subdomain": (int,), "size": (int,),
+                                                          "nodes": (np.int64, nodes)}, cells)
+            if turn < len(pieces.own):
+                meshes.append(VtuMesh(_in_space(at), _numbered(**of), data, COMPONENTS))
         return meshes
 
-    def _write(self, name: str, points: dict, cells: dict) -> None:
-        """A file for data of the points and triangles of the rank's subdomains; collective."""
-        points, cells = ({key: self._received(kind, values) for key, values in data.items()}
-                         for kind, data in (("points", points), ("cells", cells)))
-        self._write_pieces(name, points, cells)
+    def _write(self, name: str, points, cells) -> None:
+        """A file for data of the points and triangles of a subdomain, by name; collective."""
+        own = self.pieces
+        for turn in range(own.turns):
+            self._write_piece(name, turn, own.received(turn, own.points, POINTS, points),
+                              own.received(turn, own.triangles, CELLS, cells))
 
-    def _write_pieces(self, name: str, points: dict, cells: dict) -> None:
-        """The same for data of all of the rank's pieces."""
-        points, cells = ({key: self._split(kind, values) for key, values in data.items()}
-                         for kind, data in (("points", points), ("cells", cells)))
+    def _write_piece(self, name: str, turn: int, points: dict, cells: dict) -> None:
+        """The piece that this rank writes in a turn, if it does; collective."""
         with agreed_writes(self.operator.comm):
-            for k, (number, mesh) in enumerate(zip(self._mine, self.meshes)):
-                own = [{key: parts[k] for key, parts in data.items()} for data in (points, cells)]
-                path = name if self.pieces == 1 else piece_file(name, number)
-                mesh.write(self.directory / path, *own)
-                if number == 0 and self.pieces > 1:
-                    _write_index(self.directory / name, self.pieces, own[0],
-                                 {**own[1], **mesh.cell_data})
+            if turn >= len(self.pieces.own):
+                return
+            number, count = self.pieces.own[turn], self.pieces.count
+            mesh, path = self.meshes[turn], name if count == 1 else piece_file(name, number)
+            mesh.write(self.directory / path, points, cells)
+            if number == 0 and count > 1:
+                _write_index(self.directory / name, count, points, {**cells, **mesh.cell_data})
 
 
 def _write_index(path: Path, pieces: int, points: dict, cells: dict) -> None:
@@ -227,6 +203,16 @@ def _write_index(path: Path, pieces: int, points: dict, cells: dict) -> None:
             f"<PCellData>\n{arrays(cells)}</PCellData>\n"
             '<PPoints><PDataArray type="Float64" NumberOfComponents="3"/></PPoints>\n'
             f"{sources}</PUnstructuredGrid>\n</VTKFile>\n")
+
+
+def _numbered(subdomain: np.ndarray, size: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    """Triangles `nodes` (n_t, 3 or 6) by the points of a piece, in VTK's order, from those by the
+    points of their subdomain, (n_t,) like the number of these, its `size`.
+    """
+    begins = np.diff(subdomain, prepend=-1) != 0
+    first = np.cumsum(size[begins]) - size[begins]
+    nodes = nodes + first[np.cumsum(begins) - 1][:, None]
+    return nodes[:, elements.TO_VTK] if nodes.shape[1] == 6 else nodes
 
 
 def _in_space(pairs: np.ndarray) -> np.ndarray:

@@ -135,6 +135,27 @@ def hat_gradients(corner: np.ndarray) -> np.ndarray:
     return np.stack([-edge[:, :, 1], edge[:, :, 0]], axis=2) / double_area[:, None, None]
 
 
+def linear_gradients(corner: np.ndarray, value: np.ndarray) -> np.ndarray:
+    """(n_t, 2, 2) d[j, k] = d u_k / d x_j of linear displacements.
+
+    `value` (n_t, 3, 2) at the corners (n_t, 3, 2).
+    """
+    # components first: long rows instead of many short ones
+    (x1, y1), (x2, y2) = _sides(corner)
+    by = 1.0 / (x1 * y2 - y1 * x2)
+    result = np.empty((len(corner), 2, 2))
+    for k, (u, v) in enumerate(np.swapaxes(_sides(value), 0, 1)):
+        result[:, 0, k] = (y2 * u - y1 * v) * by
+        result[:, 1, k] = (x1 * v - x2 * u) * by
+    return result
+
+
+def _sides(values: np.ndarray) -> np.ndarray:
+    """(2, 2, n_t) [s, k] differences of component k from corner 0 to 1 and to 2; (n_t, 3, 2)."""
+    of_corner = np.ascontiguousarray(values.transpose(1, 2, 0))
+    return of_corner[1:] - of_corner[0]
+
+
 def strains(corner: np.ndarray, value: np.ndarray, places: np.ndarray) -> np.ndarray:
     """(n_t, m, 3) strains e11, e22, 2 e12 at places (m, 3).
 
@@ -145,14 +166,12 @@ def strains(corner: np.ndarray, value: np.ndarray, places: np.ndarray) -> np.nda
         moved = np.einsum("mnc,tnk->tmck", slopes(nodes, places), value)
         return _strains(np.linalg.solve(_tangents(corner, places),
                                         moved[:, :, 1:] - moved[:, :, :1]))
-    if nodes == 3:
-        at_corners = value[:, None]
-    else:
-        at_corners = np.einsum("mnc,tnk->tmck", slopes(nodes, places), value)
+    if nodes == 3:  # the same everywhere
+        constant = _strains(linear_gradients(corner, value))[:, None]
+        return np.broadcast_to(constant, (len(corner), len(places), 3))
+    at_corners = np.einsum("mnc,tnk->tmck", slopes(nodes, places), value)
     # d[t, m, j, k] = d u_k / d x_j
-    d = np.einsum("tcj,tmck->tmjk", hat_gradients(corner), at_corners)
-    # constant with linear elements
-    return np.broadcast_to(_strains(d), (len(corner), len(places), 3))
+    return _strains(np.einsum("tcj,tmck->tmjk", hat_gradients(corner), at_corners))
 
 
 def _strains(d: np.ndarray) -> np.ndarray:

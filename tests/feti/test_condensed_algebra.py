@@ -167,6 +167,29 @@ def test_the_price_is_of_fronts_over_that_of_a_product(built):
     assert elimination.products(1e8) == pytest.approx(1e8 / fronts.SPEED / product, rel=1e-12)
 
 
+def test_elimination_fits_beside_what_is_there_or_takes_little(built, monkeypatch):
+    """Factors of fronts against a share for every dof, a larger one where subdomains have factors
+    of their own; small ones fit anyway.
+    """
+    subdomains, cells = 6, 4
+    for shared, structured in ((True, f"{subdomains}x1"), (False, str(subdomains))):
+        problem = built("model", subdomains=structured, cells=cells)
+        elimination = GluingElimination(problem.operator)
+        own = [len(c.members) * (not c.shared) for c in problem.operator.classes]
+        assert (sum(own) == subdomains) == (not shared)
+        elimination.compliance()
+        kept = sum(part.pivots.size + part.rest.size for factors in elimination._factors.values()
+                   for part in factors.parts)
+        assert kept <= elimination._tree.entries  # contact rows and one triangle are left out
+        dofs = sum(sub.dofs for sub in problem.structure.subdomains)
+        enough = 1.01 * elimination._tree.entries / dofs
+        for little, a_dof, factorized, fits in ((1e9, 0, 0, True), (0, 0, 0, False),
+                                                (0, enough, 0, True), (0, 0, enough, not shared)):
+            for name, value in (("LITTLE", little), ("A_DOF", a_dof), ("FACTORIZED", factorized)):
+                monkeypatch.setattr(fronts, name, value)
+            assert GluingElimination(problem.operator).fits is fits, (shared, little, a_dof)
+
+
 # ------------------------------------------------------------------------------ compliances
 
 def test_a_face_is_inverted_and_nothing_else():

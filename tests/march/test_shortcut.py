@@ -272,13 +272,14 @@ def test_where_a_search_begins_with_newton(decided, eliminated, tried, begins):
 
 @pytest.mark.parametrize("changed", [
     {"corners": object()}, {"idle": np.arange(1)}, {"elimination": None},
-    {"coefficient_changes": True}, {"closes": True}, {"coefficient": np.array([0.3, 0.9])}])
+    {"elimination": SimpleNamespace(fits=False)}, {"coefficient_changes": True},
+    {"closes": True}, {"coefficient": np.array([0.3, 0.9])}])
 def test_where_it_is_not_possible(changed):
     """Corners choose their states, slip changes friction, surfaces yield: all these change the
-    problem between iterations. Nor where there is nothing to eliminate, or perhaps more than one
-    solution.
+    problem between iterations. Nor where there is nothing to eliminate, no room for its factors,
+    or perhaps more than one solution.
     """
-    known = {"corners": None, "idle": None, "elimination": object(),
+    known = {"corners": None, "idle": None, "elimination": SimpleNamespace(fits=True),
              "coefficient_changes": False, "closes": False, "coefficient": np.array([0.3, 0.8]),
              "of_tangential": lambda values: values}
     for given, expected in ((known, True), (known | changed, False)):

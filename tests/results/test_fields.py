@@ -231,7 +231,7 @@ import numpy as np
 from mpi4py import MPI
 from driver.feti.operator import DualOperator
 from driver.march.tearing import build
-from driver.results import fields
+from driver.results import fields, pieces
 from driver.scene.loader import read_subdomains
 from driver.scene.manifest import read_manifest
 from driver.feti.structure import partition
@@ -239,7 +239,7 @@ export, out = map(Path, sys.argv[1:])
 manifest, step = read_manifest(export), SimpleNamespace(index=1, time=0.5, weights=None)
 
 def write(comm, folder, size):
-    fields.PIECE = size
+    pieces.PIECE = size
     first, last = partition(manifest.subdomains, comm)
     subdomains = read_subdomains(manifest, first, last, comm)
     structure = build(manifest, subdomains, first, comm)

@@ -29,22 +29,32 @@ def torn():
     return gid, xy, np.array([[0, 1, 3], [0, 3, 2], [4, 5, 7], [4, 7, 6], [8, 9, 10]])
 
 
+PARTS = slice(0, 2), slice(2, 4), slice(4, 5)  # triangles of the subdomains of `torn`
+
+
+def means_of(gid, xy, triangles):
+    """NodalMeans of the subdomains of `torn`."""
+    nodes = slice(0, 4), slice(4, 8), slice(8, 11)
+    return NodalMeans(MPI.COMM_SELF, [gid[own] for own in nodes], [xy[own] for own in nodes],
+                      [triangles[part] - own.start for part, own in zip(PARTS, nodes)])
+
+
 def test_means_at_nodes_go_over_subdomains_and_not_over_bodies():
     """Weighted with areas; in the middle of a side the mean of its ends."""
     gid, xy, triangles = torn()
-    means = NodalMeans(MPI.COMM_SELF, gid, xy, triangles)
+    means = means_of(gid, xy, triangles)
     values = np.random.default_rng(1).random((5, 3, 2))
-    found, area = means(values), elements.areas(xy[triangles])
+    found, area = means(lambda s: values[PARTS[s]], 2), elements.areas(xy[triangles])
     for node in range(len(gid)):
         here = [(t, k) for t in range(5) for k in range(3) if gid[triangles[t, k]] == gid[node]]
         mean = sum(area[t] * values[t, k] for t, k in here) / sum(area[t] for t, _ in here)
         np.testing.assert_allclose(found[node], mean, rtol=1e-13)
-    assert means.bodies().tolist() == [0, 0, 0, 0, 1]
+    assert np.concatenate(means.bodies()).tolist() == [0, 0, 0, 0, 1]
     corner = xy[triangles[-1:]]
     middles = (corner[0, [1, 2, 0]] + corner[0, [2, 0, 1]]) / 2
-    six = NodalMeans(MPI.COMM_SELF, np.arange(6), np.concatenate([corner[0], middles]),
-                     np.arange(6)[None])
-    np.testing.assert_allclose(six(values[-1:])[3:],
+    six = NodalMeans(MPI.COMM_SELF, [np.arange(6)], [np.concatenate([corner[0], middles])],
+                     [np.arange(6)[None]])
+    np.testing.assert_allclose(six(lambda s: values[-1:], 2)[3:],
                                (values[-1, [1, 2, 0]] + values[-1, [2, 0, 1]]) / 2)
 
 
@@ -67,8 +77,8 @@ def test_the_ledger_knows_the_largest_value_of_every_pattern(monkeypatch):
 
 def test_bodies_are_numbered_by_their_smallest_nodes():
     gid, xy, triangles = torn()
-    means = NodalMeans(MPI.COMM_SELF, 9 - gid, xy, triangles)
-    assert means.bodies().tolist() == [1, 1, 1, 1, 0]
+    means = means_of(9 - gid, xy, triangles)
+    assert np.concatenate(means.bodies()).tolist() == [1, 1, 1, 1, 0]
 
 
 def test_loads_reactions_and_contact_balance():

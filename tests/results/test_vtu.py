@@ -29,12 +29,14 @@ def decoded(text: bytes, kind=float) -> tuple[np.ndarray, list[int]]:
 
 @pytest.mark.parametrize("level", [vtu.QUICK, vtu.SMALL])
 def test_arrays_are_compressed_where_that_makes_them_smaller(level):
-    values, sizes = decoded(encoded(DIGITS, level))
-    assert np.array_equal(values, DIGITS.ravel()) and len(sizes) == 4
-    assert all(0 <= size - BLOCK < 50 for size in sizes[:-1])  # stored, with a few words about it
-    flat = np.column_stack([DIGITS[:, :2], 0 * DIGITS[:, :2]])
+    """Half of the bytes at least: of a displacement's two components and a zero it is a third."""
+    for digits in (DIGITS, np.column_stack([DIGITS[:, :2], 0 * DIGITS[:, 0]])):
+        values, sizes = decoded(encoded(digits, level))
+        assert np.array_equal(values, digits.ravel()) and len(sizes) > 2
+        assert all(0 <= size - BLOCK < 50 for size in sizes[:-1])  # stored, with words about it
+    flat = np.column_stack([DIGITS[:, 0], 0 * DIGITS[:, :3]])
     values, sizes = decoded(encoded(flat, level))
-    assert np.array_equal(values, flat.ravel()) and max(sizes) < 0.7 * BLOCK
+    assert np.array_equal(values, flat.ravel()) and max(sizes) < 0.4 * BLOCK
     values, sizes = decoded(encoded(np.arange(10), level), int)
     assert values.tolist() == list(range(10)) and len(sizes) == 1
 

@@ -49,6 +49,14 @@ def test_shape_functions_hold_quadratics():
             assert elements.WEIGHTS @ (x**i * y**j) == pytest.approx(whole, rel=1e-13)
 
 
+def test_gradients_of_linear_displacements():
+    """Of u = G x + c on any triangles, whichever way they run: d[j, k] = d u_k / d x_j = G_kj."""
+    rng = np.random.default_rng(5)
+    corner, G = rng.random((20, 3, 2)), rng.standard_normal((2, 2))
+    found = elements.linear_gradients(corner, corner @ G.T + [3.0, -1.0])
+    np.testing.assert_allclose(found, np.broadcast_to(G.T, (20, 2, 2)), atol=1e-9)
+
+
 QUADRATIC = ["P2", "P2-mixed"]
 
 
