@@ -50,36 +50,32 @@ class RigidParts:
         xy = joined((sub.xy for sub in self.structure.subdomains), float, 2)
         return (xy - self.bodies.center[self._body]) / self.bodies.size[self._body, None]
 
-    def _triangles(self) -> tuple[np.ndarray, np.ndarray]:
-        """Nodes (t, k) and areas (t,) of the rank's triangles; it has some."""
-        subs = self.structure.subdomains
-        nodes = np.concatenate([sub.elements + k for sub, k in zip(subs, self._starts)])
-        return nodes, np.concatenate([np.abs(elements.areas(sub.xy[sub.triangles]))
-                                      for sub in subs])
-
     @cached_property
     def _corner_moments(self) -> tuple[np.ndarray, np.ndarray]:
         """(nodes,) areas by the corners of triangles, zero at nodes between them, and moments."""
-        if not self.structure.subdomains:
-            return np.zeros(0), np.zeros((0, 2))
-        nodes, area = self._triangles()
-        mass = np.bincount(nodes[:, :3].ravel(), np.repeat(area / 3, 3), self._starts[-1])
+        mass = np.zeros(self._starts[-1])
+        for sub, nodes in self._by_subdomain():
+            mass[nodes] = np.bincount(sub.triangles.ravel(), np.repeat(_areas(sub) / 3, 3),
+                                      len(sub.xy))
         return mass, mass[:, None] * self._away
+
+    def _by_subdomain(self):
+        """The rank's subdomains and their nodes among its own."""
+        return zip(self.structure.subdomains, map(slice, self._starts[:-1], self._starts[1:]))
 
     @cached_property
     def _moments(self) -> tuple[np.ndarray, np.ndarray]:
         """(nodes,) int phi and (nodes, 2) int phi (x - center) / size."""
-        count = self._starts[-1]
-        mass, moment = np.zeros(count), np.zeros((count, 2))
-        if count:
-            nodes, area = self._triangles()
-            shape = elements.shapes(nodes.shape[1], elements.POINTS)
+        mass, moment = np.zeros(self._starts[-1]), np.zeros((self._starts[-1], 2))
+        for sub, nodes in self._by_subdomain():
+            area, of, count = _areas(sub), sub.elements, len(sub.xy)
+            shape = elements.shapes(of.shape[1], elements.POINTS)
             unit = (shape.T * elements.WEIGHTS) @ shape  # exact for products of quadratics
-            mass += np.bincount(nodes.ravel(), np.outer(area, unit.sum(axis=1)).ravel(), count)
-            for c in (0, 1):
-                # no BLAS product, which may round a row by how many there are on the rank
-                each = area[:, None] * (self._away[nodes, c][:, :, None] * unit).sum(axis=1)
-                moment[:, c] = np.bincount(nodes.ravel(), each.ravel(), count)
+            mass[nodes] = np.bincount(of.ravel(), np.outer(area, unit.sum(axis=1)).ravel(), count)
+            for away, into in zip(self._away[nodes].T, moment[nodes].T):
+                # no BLAS product, which may round a row by how many there are
+                each = area[:, None] * (away[of][:, :, None] * unit).sum(axis=1)
+                into[:] = np.bincount(of.ravel(), each.ravel(), count)
         return mass, moment
 
     def _gram(self, mass: np.ndarray, moment: np.ndarray) -> np.ndarray:
@@ -101,13 +97,14 @@ class RigidParts:
 
     def deformation(self, fields: list[np.ndarray]) -> float:
         """Largest |u - R c| of a vertex, c by the corners of triangles."""
-        u = joined(fields, float).reshape(-1, 2)
-        work = self._corner_products(u)[:, :, None]
-        rigid = np.linalg.solve(self._corner_gram, work)[:, :, 0][self._body]
-        deformed = u - rigid[:, :2]
-        deformed -= rigid[:, 2:] * np.column_stack([-self._away[:, 1], self._away[:, 0]])
-        moved = np.where(self._corner_moments[0] > 0, (deformed**2).sum(axis=1), 0.0)
-        largest = float(moved.max(initial=0.0))
+        work = self._corner_products(joined(fields, float).reshape(-1, 2))[:, :, None]
+        factors, largest = np.linalg.solve(self._corner_gram, work)[:, :, 0], 0.0
+        for u, (sub, nodes) in zip(fields, self._by_subdomain()):
+            along, across, turning = factors[self.bodies.number[sub.index]]
+            x, y = self._away[nodes].T
+            moved = (u[::2] - along + turning * y)**2 + (u[1::2] - across - turning * x)**2
+            vertices = self._corner_moments[0][nodes] > 0
+            largest = max(largest, moved.max(initial=0.0, where=vertices))
         return float(np.sqrt(self.comm.allreduce(largest, op=MPI.MAX)))
 
     def _products(self, u: np.ndarray) -> np.ndarray:
@@ -131,6 +128,11 @@ class RigidParts:
             for k, column in enumerate(columns):
                 parts[:, k] = np.add.reduceat(column, self._starts[:-1])
         return _by_body(parts, self.bodies, self.comm)
+
+
+def _areas(sub) -> np.ndarray:
+    """(n_t,) areas of a subdomain's triangles, as if sides were straight."""
+    return np.abs(elements.areas(sub.xy[sub.triangles]))
 
 
 class LeastDeformation:

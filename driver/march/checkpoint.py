@@ -48,17 +48,36 @@ def fingerprint(content: str, options: dict) -> dict:
 
 
 def write(directory: Path, state: dict) -> None:
-    """Keep `state`, dictionaries of numbers, words, lists and arrays, in `directory`. Raises
-    OSError.
-    """
-    from .packing import packed
+    """Keep `state`, dictionaries of numbers, words, lists, arrays and stacks, in `directory`.
 
-    whole = packed(state)
+    It is written as it is: a copy would take as much memory again. Raises OSError.
+    """
+    from .packing import pack
+
     with renamed(directory / NAME) as hidden, open(hidden, "wb") as file:
-        file.write(zlib.crc32(whole).to_bytes(4, "little"))
-        file.write(whole)
+        file.write(bytes(4))
+        summed = _Summed(file)
+        pack(state, summed)
+        file.seek(0)
+        file.write(summed.crc.to_bytes(4, "little"))
         file.flush()
         os.fsync(file.fileno())
+
+
+class _Summed:
+    """A file that is written from its beginning to its end, and the CRC-32 of that."""
+
+    def __init__(self, file):
+        self.file, self.crc = file, 0
+
+    def write(self, data) -> int:
+        """As that of files."""
+        self.crc = zlib.crc32(data, self.crc)
+        return self.file.write(data)
+
+    def flush(self) -> None:
+        """As that of files."""
+        self.file.flush()
 
 
 def read(directory: Path) -> dict | None:

@@ -5,20 +5,39 @@ Arrays and JSON are in numpy's npz format.
 
 import io
 import json
+import zipfile
 
 import numpy as np
 
 
-def packed(state: dict) -> memoryview:
-    """The bytes of `state`."""
-    arrays, whole = {}, io.BytesIO()
+class Stack(list):
+    """Arrays of one shape and type that are written as one, without being it: (n, ...)."""
+
+
+def pack(state: dict, file) -> None:
+    """Write the bytes of `state` to `file`, one after the other."""
+    arrays = {}
     text = json.dumps(_without_arrays(state, arrays))
-    np.savez(whole, text=np.frombuffer(text.encode(), np.uint8), **arrays)
-    return whole.getbuffer()
+    arrays["text"] = np.frombuffer(text.encode(), np.uint8)
+    with zipfile.ZipFile(file, "w") as whole:
+        for name, array in arrays.items():
+            with whole.open(f"{name}.npy", "w", force_zip64=True) as entry:
+                _write(entry, array)
+
+
+def _write(file, array: np.ndarray | Stack) -> None:
+    """An array in numpy's format."""
+    parts, count = (array, (len(array),)) if isinstance(array, Stack) else ([array], ())
+    kind = np.result_type(*parts)
+    np.lib.format.write_array_header_2_0(
+        file, {"descr": np.lib.format.dtype_to_descr(kind), "fortran_order": False,
+               "shape": (*count, *parts[0].shape)})
+    for part in parts:
+        file.write(part.astype(kind, copy=False).tobytes())
 
 
 def unpacked(content: bytes) -> dict:
-    """The state in bytes of `packed`.
+    """The state in bytes of `pack`; stacks are arrays.
 
     Raises OSError, ValueError, LookupError, TypeError or BadZipFile for others.
     """
@@ -30,7 +49,7 @@ def unpacked(content: bytes) -> dict:
 
 def _without_arrays(value, arrays: dict):
     """`value` with every array in it moved to `arrays` and its name there in its place."""
-    if isinstance(value, np.ndarray):
+    if isinstance(value, (np.ndarray, Stack)):
         arrays[f"array{len(arrays)}"] = value
         return {"array": f"array{len(arrays) - 1}"}
     if isinstance(value, dict):

@@ -169,9 +169,11 @@ def _scattered(step: dict, solver: QuasistaticSolver) -> Step:
 
 
 def _stacked(steps: list[dict]) -> dict:
-    """Steps by name of their parts: arrays stacked to (steps, ...), lists of everything else."""
-    return {name: np.array([step[name] for step in steps]) if isinstance(part, np.ndarray) else
-            [step[name] for step in steps] for name, part in steps[0].items()}
+    """Steps by name of their parts: stacks of arrays, lists of everything else."""
+    from .packing import Stack  # here: where there is a checkpoint numpy's zip files are loaded
+
+    return {name: (Stack if isinstance(part, np.ndarray) else list)(step[name] for step in steps)
+            for name, part in steps[0].items()}
 
 
 def _unstacked(parts: dict) -> list[dict]:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..environment import give_back_memory
 from ..errors import agreed_writes
 from ..feti.gathering import gather, joined, largest
 from ..feti.operator import DualOperator
@@ -87,6 +88,7 @@ class Fields:
         self._write(field_file(step.index, self.pieces.count), points, cells)
         if self.lines is not None:
             self._write_lines(step, whole, state)
+        give_back_memory()
 
     def _write_lines(self, step: Step, whole: list[np.ndarray], state: dict) -> None:
         """The file of the contact boundary for displacements (nodes, 2) by subdomain."""
@@ -138,7 +140,8 @@ class Fields:
         """
         subs, comm, pieces = self.operator.structure.subdomains, self.operator.comm, self.pieces
         places = [sub.xy[drawn] for sub, drawn in zip(subs, self._drawn)]
-        numbers = [(np.cumsum(drawn) - 1)[sub.elements[:, :nodes]]
+        # where all nodes are points, their own numbers: like subdomains have them in common
+        numbers = [sub.elements if drawn.all() else (np.cumsum(drawn) - 1)[sub.elements[:, :nodes]]
                    for sub, drawn in zip(subs, self._drawn)]
         gid = [sub.node_gid[drawn] for sub, drawn in zip(subs, self._drawn)]
         self._means = NodalMeans(comm, gid, places, numbers)

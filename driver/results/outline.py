@@ -20,15 +20,17 @@ def write_outline(path: Path, manifest: Manifest, structure: Substructure, comm)
     traction = [k for k, pattern in enumerate(manifest.patterns) if pattern["given_on"] == "edges"]
     outline = np.zeros(manifest.nodes, bool)
     outline[structure.outer_edges[:, :2]] = outline[structure.outer_middles] = True
-    gid = joined((sub.node_gid for sub in subs), np.int64)
-    near = outline[gid]
-    xy = joined((sub.xy for sub in subs), float, 2)[near]
-    force = joined((sub.loads[traction].sum(axis=0) for sub in subs), float).reshape(-1, 2)[near]
-    sides = joined((sub.node_gid[sub.triangles[:, [0, 1, 1, 2, 2, 0]]].reshape(-1, 2)
-                    for sub in subs), np.int64, 2)  # counterclockwise
-    sides = sides[outline[sides].all(axis=1)] @ [manifest.nodes, 1]
-    parts = comm.gather((gid[near], xy, force, constrained_keys(structure), _moves(structure),
-                         sides))
+    gid, xy, force, around = [], [], [], []
+    for sub in subs:
+        near = outline[sub.node_gid]
+        gid.append(sub.node_gid[near])
+        xy.append(sub.xy[near])
+        force.append(sub.loads[traction].sum(axis=0).reshape(-1, 2)[near])
+        edges = sub.node_gid[sub.triangles[:, [0, 1, 1, 2, 2, 0]]].reshape(-1, 2)
+        around.append(edges[outline[edges].all(axis=1)])  # counterclockwise
+    parts = comm.gather((joined(gid, np.int64), joined(xy, float, 2), joined(force, float, 2),
+                         constrained_keys(structure), _moves(structure),
+                         joined(around, np.int64, 2) @ [manifest.nodes, 1]))
     with agreed_writes(comm):
         if comm.rank == 0:
             write_rows(path, header(BOUNDARY), _rows(manifest, structure, parts))

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..contact.states import OPEN, STATUS_NAMES, ContactField
+from ..environment import give_back_memory
 from ..errors import agreed_writes
 from ..feti.operator import DualOperator
 from ..files import write_rows
@@ -47,6 +48,7 @@ class Writer:
             from .obstacle import write_obstacle  # here: few scenes need it
 
             write_obstacle(directory / "obstacle.csv", following, operator.comm)
+        give_back_memory()  # what outlines, bodies and meshes of files were found with
 
     def add(self, step: Step, replayed: bool = False) -> tuple[dict[str, np.ndarray], float]:
         """Record one step; the state of the contact nodes and the body's energy u' K u.

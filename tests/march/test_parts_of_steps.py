@@ -1,5 +1,8 @@
 """Parts of a time step by themselves, on rows and a dual matrix made by hand."""
 
+import io
+import tracemalloc
+import zlib
 from types import SimpleNamespace
 
 import constants
@@ -12,12 +15,12 @@ from driver.contact.rows import ContactLaw, ContactRows
 from driver.contact.states import OPEN, SLIP, STICK
 from driver.effects import Effect
 from driver.march import cycle_verdict as cycles
-from driver.march import globalization
+from driver.march import checkpoint, globalization
 from driver.march.closure import Closure
 from driver.march.cycle_verdict import MOVED, WORN, Past, judged
 from driver.march.following import COMBINED, EACH, PLAIN, SHARES, FollowingSolver, _Nearing
 from driver.march.friction_qp import FrictionQP
-from driver.march.packing import packed, unpacked
+from driver.march.packing import Stack, pack, unpacked
 from driver.march.relaxation import ContactRelaxation
 from driver.march.slip import FAR, SlipState
 from driver.march.step import WINDOW, History, Trace, Unfinished
@@ -319,10 +322,33 @@ def test_a_law_and_its_tangent_agree_at_last():
 
 def test_states_come_back_as_they_were():
     state = {"numbers": {"x": np.arange(3.0), "deep": {"k": np.array([[1, 2]])}}, "word": "a",
-             "list": [1, 2.5, None], "flag": True, "empty": np.zeros((0, 2))}
-    back = unpacked(bytes(packed(state)))
-    np.testing.assert_equal(back, state)
+             "list": [1, 2.5, None], "flag": True, "empty": np.zeros((0, 2)),
+             "column": np.arange(6.0).reshape(2, 3).T, "name": np.array("x"),
+             "stack": Stack([np.array([1, 2]), np.array([0.5, 3])])}
+    back = unpacked(packed(state))
+    np.testing.assert_equal(back, state | {"stack": np.array([[1, 2], [0.5, 3]])})
     assert back["numbers"]["deep"]["k"].dtype == state["numbers"]["deep"]["k"].dtype
+
+
+def packed(state):
+    """What `pack` writes."""
+    file = io.BytesIO()
+    pack(state, file)
+    return file.getvalue()
+
+
+def test_states_are_written_without_a_copy(tmp_path):
+    """Thirty arrays of a MiB, in a stack and one by one: what is at hand at a time is one."""
+    state = {"steps": {"forces": Stack([np.full(2**17, float(k)) for k in range(30)])},
+             **{f"array{k}": np.full(2**17, float(k)) for k in range(30)}}
+    tracemalloc.start()
+    checkpoint.write(tmp_path, state)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 3 * 2**20
+    content = (tmp_path / checkpoint.NAME).read_bytes()
+    assert zlib.crc32(content[4:]).to_bytes(4, "little") == content[:4]
+    assert unpacked(content[4:])["steps"]["forces"][:, 5].tolist() == list(range(30))
 
 
 def test_series_end_in_their_limits():
