@@ -12,6 +12,8 @@ are independent at the pinned dofs, as QR with pivoting chooses them, only u = 0
 there are no other motions follows from the choice of corners (corners.py).
 """
 
+import functools
+
 import numpy as np
 from petsc4py import PETSc
 from scipy.linalg import qr
@@ -34,8 +36,8 @@ class CoarseProblem:
     Corner dofs are stacked class by class as `LocalClass.corners` says; `numbers` are their numbers
     in the coarse problem. `entries` is the number of entries of factors on this rank, `received`
     that of the numbers that it gets for a solution, in so many `messages`. `rho` (modes,) are the
-    springs' compliances, zero until they are set. Raises NoSolution if S_cc is singular but for
-    them.
+    springs' compliances, zero until they are set; `pins` are the dofs that are pinned in S_cc^+.
+    Raises NoSolution if S_cc is singular but for springs.
     """
 
     def __init__(self, structure: Substructure, classes: list[LocalClass], comm):
@@ -47,7 +49,7 @@ class CoarseProblem:
         self._order = joined([np.arange(first[s], first[s + 1]) for s in order], int)
         self.numbers = joined([corners[s] for s in order], int)
         modes = self.motions.shape[1]
-        self._pins = np.sort(qr(self.motions.T, pivoting=True)[2][:modes]) if modes else []
+        self.pins = np.sort(qr(self.motions.T, pivoting=True)[2][:modes]) if modes else []
         self.entries = self.received = self.messages = 0
         self._latest = None
         self._shared = None
@@ -86,11 +88,11 @@ class CoarseProblem:
 
         Where these are all that corners can do, S_cc is nothing but rounding, of any sign.
         """
-        if not len(self._pins):
+        if not len(self.pins):
             return S
         stiffness = np.abs(S.diagonal()).mean() or 1.0
         free = np.ones(self.dofs)
-        free[self._pins] = 0.0
+        free[self.pins] = 0.0
         return (diags(free) @ S @ diags(free) + diags(stiffness * (1.0 - free))).tocsr()
 
     def _dissect(self, structure: Substructure, classes: list[LocalClass]) -> None:
@@ -107,7 +109,7 @@ class CoarseProblem:
         kept, pins = np.zeros((2, self.dofs), bool)
         near = sorted({*structure.renewed, *structure.touching})
         kept[gather(self.comm, joined((corners[s] for s in near), int))] = True
-        pins[self._pins] = True
+        pins[self.pins] = True
         self._numbers, self._count = joined(corners, int), len(subs)
         self._of = np.repeat(np.arange(len(subs)), [len(c) for c in corners])
         elements = Elements(self._numbers, np.array([len(c) for c in corners], np.int64), group,
@@ -125,7 +127,7 @@ class CoarseProblem:
         self.comm.Allreduce(count, everywhere)
         self._Q = self.motions[self._numbers]
         self._once = self._Q / everywhere[self._numbers][:, None]
-        self._held = np.isin(self._numbers, self._pins)
+        self._held = np.isin(self._numbers, self.pins)
         self._moved = np.column_stack([self._shared.solve(np.where(self._held, 0.0, q))
                                        for q in self._once.T])
 
@@ -147,7 +149,7 @@ class CoarseProblem:
         Q = self.motions
         motion = Q.T @ forces
         right = forces - Q @ motion
-        right[self._pins] = 0.0
+        right[self.pins] = 0.0
         u = self._solve(right)
         return u + Q @ (self.rho * motion - Q.T @ u)
 
@@ -208,15 +210,31 @@ class CoarseProblem:
             through = np.concatenate(self.comm.allgather(through))
         return (through + through.T) / 2
 
+    def pinned_motions(self) -> tuple[np.ndarray, np.ndarray]:
+        """S_cc^+ Q of the stacked corner dofs (n, modes) with pins, and Q' S_cc^+ Q (modes, modes).
+        """
+        if self._shared is not None:
+            return self._moved[self._order], self._energy
+        moved = np.zeros_like(self.motions)
+        for q, u in zip(self.motions.T, moved.T):
+            right = q.copy()
+            right[self.pins] = 0.0
+            u[:] = self._solve(right)
+        return moved[self.numbers], self.motions.T @ moved
+
+    @functools.cached_property
+    def _energy(self) -> np.ndarray:
+        """Q' S_cc^+ Q (modes, modes) of a shared problem; collective."""
+        energy = np.column_stack([self._total(self._once * y[:, None]) for y in self._moved.T])
+        return (energy + energy.T) / 2
+
     def _by_motions(self, dofs: np.ndarray) -> np.ndarray:
         """What S_rho^-1 has at `dofs` (k,) beside the inverse with pins: (k, k)."""
         place, known = lookup(dofs, self._numbers)
         Y, q = np.zeros((len(dofs), self.motions.shape[1])), self.motions[dofs]
         Y[gather(self.comm, place[known])] = gather(self.comm, self._moved[known])
-        energy = np.column_stack([self._total(self._once * y[:, None]) for y in self._moved.T])
         across = Y @ q.T
-        energy = (energy + energy.T) / 2 + np.diag(self.rho)
-        return q @ energy @ q.T - across - across.T
+        return q @ (self._energy + np.diag(self.rho)) @ q.T - across - across.T
 
     def whole(self, local: np.ndarray) -> np.ndarray:
         """(dofs,) values at all coarse dofs, on every rank, from those at stacked corner dofs."""

@@ -10,8 +10,17 @@ and any order of elimination does without pivoting (R. J. Vanderbei, SIAM J. Opt
 100-113). Rows that the same subdomains share, an interface, are eliminated together, and so are
 the dofs of corners: fronts of hundreds of unknowns, dense anyway, as the local matrices are (I. S.
 Duff, J. K. Reid, ACM Trans. Math. Softw. 9 (1983) 302-325), one after the other as a tree says
-(elimination_tree.py). What is left on the contact rows is the compliance C of the glued body; see
-compliance.py, which eliminates motions of free bodies as well.
+(elimination_tree.py). What is left on the contact rows is the compliance C of the glued body (see
+compliance.py).
+
+Bodies that no support holds are pinned at some corner dofs (coarse.py). Gluing forces do not move a
+body as a whole, so that no gluing row feels the pins. Contact rows do: with the displacements R
+that they have of the motions Q, those y that they have, glued, of corner forces Q on pinned bodies,
+and the work e of these, C on springs of compliance rho is
+
+    C_rho = C - R y' - y R' + R (e + rho) R',
+
+as S_rho^-1 = P S^+ P + rho Q Q' says, P = I - Q Q', for any S^+.
 """
 
 import functools
@@ -91,10 +100,9 @@ class Factors:
 class GluingElimination:
     """Elimination of all but the contact rows; the ranks share the fronts. Collective.
 
-    What a front is made of is added in an order that does not depend on who has it. Of a body
-    without free rigid motions. `price` is what `compliance` takes on one rank, in products with F;
-    `fits` is whether its factors take no more memory than all else, or little: subdomains that are
-    alike share their factors, but no front.
+    What a front is made of is added in an order that does not depend on who has it. `price` is what
+    `compliance` takes on one rank, in products with F; `fits` is whether its factors take no more
+    memory than all else, or little: subdomains that are alike share their factors, but no front.
     """
 
     def __init__(self, operator: DualOperator):
@@ -125,7 +133,26 @@ class GluingElimination:
         """C (c, c) as `contact_row_numbers` orders it; made once. Raises NotConverged."""
         if self._compliance is None:
             self._eliminate()
+            if self._operator.modes:
+                self._compliance = self._on_springs(self._compliance)
         return self._compliance
+
+    def _on_springs(self, C: np.ndarray) -> np.ndarray:
+        """C_rho for the `C` of pinned bodies."""
+        op, products = self._operator, self._operator.products
+        rows = contact_row_numbers(op.structure.contact)
+        moved, work = op.coarse.pinned_motions()
+        R, felt = (np.column_stack([gather(op.comm, of) for of in columns])
+                   for columns in (op.motions, map(op.movements, moved.T)))
+        glued = np.column_stack([self.change(-of) for of in felt.T])
+        work = work - felt.T @ glued
+        answered = np.column_stack([gather(op.comm, op.apply(of[slice(*op.structure.row_range)]))
+                                    for of in glued.T])
+        op.products = products  # a part of the elimination
+        y, R = felt[rows] - answered[rows] - R[rows] @ (felt.T @ glued), R[rows]
+        across = R @ y.T
+        C = C - across - across.T + R @ ((work + work.T) / 2 + np.diag(op.rho)) @ R.T
+        return (C + C.T) / 2
 
     def products(self, operations: float) -> float:
         """The number of products with F that take as long as dense `operations` (multiplications).
@@ -180,6 +207,11 @@ class GluingElimination:
         number = self._numbers[self._operator.structure.first + s]
         order, sign = np.argsort(self._place[number]), np.append(rows.sign, np.ones(corner))
         matrix = np.block([[c.F, -c.A], [-c.A_transposed, -c.S]]) * sign[:, None] * sign
+        pinned = len(c.F) + np.flatnonzero(
+            np.isin(self._operator.structure.corner_global[s], self._operator.coarse.pins))
+        stiffness = matrix[pinned, pinned]
+        matrix[pinned] = matrix[:, pinned] = 0.0
+        matrix[pinned, pinned] = stiffness
         return matrix[np.ix_(order, order)]
 
     def _matrices(self) -> list[list[tuple]]:

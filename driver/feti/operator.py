@@ -331,6 +331,12 @@ class DualOperator(DualProblem):
         """K u (dofs,) for displacements u (dofs,) of every subdomain, with its class's K."""
         return self._recovery.inner_forces(fields)
 
+    def movements(self, corner: np.ndarray) -> np.ndarray:
+        """(owned,) what dual rows move by with the stacked corner dofs `corner`; collective."""
+        rows = np.zeros(len(self.vectors.sign))
+        self._A_transposed.multiply(corner, rows)
+        return self.vectors.assemble(rows * self.vectors.sign)
+
     def _signed_rows(self, multipliers: np.ndarray) -> np.ndarray:
         """Stacked, signed local multipliers of a dual vector."""
         return self.vectors.gather(multipliers) * self.vectors.sign

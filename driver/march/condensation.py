@@ -90,10 +90,10 @@ class Condensation:
 
     @functools.cached_property
     def elimination(self) -> GluingElimination | None:
-        """That of the gluing rows; None where there are none, or bodies that move freely, or
-        stiffness jumps: pivots keep more digits there.
+        """That of the gluing rows; None where there are none, or stiffness jumps: pivots keep more
+        digits there.
         """
-        if self.whole or self.operator.modes or self.operator.jumps:
+        if self.whole or self.operator.jumps:
             return None
         return GluingElimination(self.operator)
 
@@ -109,8 +109,10 @@ class Condensation:
         x = x + self.elimination.change(gather(op.comm, gradient))[first:last]
         return x, op.apply(x) - d
 
-    def correction(self, x: np.ndarray, gradient: np.ndarray) -> np.ndarray | None:
+    def correction(self, load: Load, x: np.ndarray, gradient: np.ndarray) -> np.ndarray | None:
         """Change (owned,) of contact forces by a step of Newton's method from x and its gradient.
+
+        Under the `load`, which says what acts on bodies without support.
 
         None if its system is singular. Needs an `elimination`. Where x is a solution the factors of
         Newton's last system are used again. Collective; raises NotConverged.
@@ -119,11 +121,11 @@ class Condensation:
         compliance = self.compliance()
         glued = self.elimination.change(gather(op.comm, gradient))[first:last]
         forces, movement = self.gather(x), -self.gather(gradient + op.apply(glued))
-        problem = self._under(None, compliance @ forces + movement)
+        problem = self._under(load, compliance @ forces + movement)
         z = problem.whole(forces)
         states, signs = problem.states(z, movement), problem.signs(z)
         change = problem.correction_in(states, signs, z, movement)
-        return None if change is None else self.place(change[0], np.zeros(op.owned))
+        return None if change is None else self.place(change[0][: self.size], np.zeros(op.owned))
 
     @functools.cached_property
     def _responses(self) -> np.ndarray:
@@ -193,7 +195,7 @@ class Condensation:
         weights = load.weights[: self.operator.structure.patterns]
         return self._under(load, self.gather(load.rest) + self._responses @ weights)
 
-    def _under(self, load: Load | None, d: np.ndarray) -> CoulombProblem:
+    def _under(self, load: Load, d: np.ndarray) -> CoulombProblem:
         """The condensed problem under the movements d (n + m,) that contact forces have to undo.
 
         The `load` is asked what acts on free bodies, if there are any.

@@ -39,7 +39,7 @@ class FixedPoint:
         self.settings, self.history = qp.settings, qp.history
         coupled = len(self.rows.tangential) > 0 and not self.rows.bound_is_given
         self.search = CondensedSearch(qp, bodies, slip, condensation)
-        self.shortcut = Shortcut(qp, slip, condensation)
+        self.shortcut = Shortcut(qp, bodies, slip, condensation)
         self.corrects_motion, self.rtol = False, self.settings.friction_rtol
         self.coupled = bool(self.operator.comm.allreduce(int(coupled)))
 
@@ -58,8 +58,8 @@ class FixedPoint:
         secants, last, before = self.bodies.secants(), np.inf, trace.iterations
         first, motion = x, load.weights[self.operator.structure.patterns :].copy()
         products, taken, eliminates = self.operator.products, 0, self.search.stiff
-        if self.shortcut.begins(trace, x, gradient) and (
-                found := self.shortcut.solution(index, load, x, trace)):
+        if self.shortcut.begins(load, trace, x, gradient, rtol) and (
+                found := self.shortcut.solution(index, load, x, trace, rtol)):
             return found
         while not trace.fallback:
             trace.iterations += 1
@@ -86,7 +86,7 @@ class FixedPoint:
             taken += 1
             spent = self.operator.products - products
             if self.shortcut.pays(trace, x, self._target(x), spent, taken):
-                found = self.shortcut.solution(index, load, x, trace)
+                found = self.shortcut.solution(index, load, x, trace, rtol)
                 if found is not None:
                     return found
             tired = trace.iterations - before >= settings.max_fixed_point

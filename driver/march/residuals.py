@@ -93,7 +93,7 @@ class Residuals:
         of such products may be larger than their sum. Forces that are missing are missing, whatever
         rounding made them.
         """
-        op, others = self.operator, {"stationarity": self._missing(x, gradient)}
+        op, others = self.operator, {"stationarity": self._missing(load, x, gradient)}
         if op.modes:
             others["equilibrium"] = self.bodies.imbalance(load, x)
         missed, (nothing, least) = self._changing(x, gradient), self._least_deformation(load)
@@ -145,7 +145,7 @@ class Residuals:
         rows.coefficient = known
         return self.operator.comm.allreduce(missed, op=MPI.MAX)
 
-    def _missing(self, x: np.ndarray, gradient: np.ndarray) -> float:
+    def _missing(self, load: Load, x: np.ndarray, gradient: np.ndarray) -> float:
         """Norm of the contact forces that are missing, over that of all.
 
         The inverse of F makes stiff parts of the body count by their stiffness. Contact forces that
@@ -161,7 +161,7 @@ class Residuals:
         projected = projected_gradient(x, gradient, *self.rows.limits(op.owned, x))
         own = self._size(x)
         scales.renew(pressing=own, forces=np.sqrt(op.dot(x, x)))
-        missing = self._forces_to(x, gradient, projected) if scales.pressing > 0 else None
+        missing = self._forces_to(load, x, gradient, projected) if scales.pressing > 0 else None
         if missing is None:
             return qp.size(projected) / (scales.d or 1.0)
         others = max(scales.forces, scales.largest.get("forces", 0.0), scales.d / qp.bound)
@@ -170,7 +170,7 @@ class Residuals:
             whole = max(whole, scales.largest.get("pressing", 0.0))
         return self._size(missing) / whole
 
-    def _forces_to(self, x: np.ndarray, gradient: np.ndarray,
+    def _forces_to(self, load: Load, x: np.ndarray, gradient: np.ndarray,
                    projected: np.ndarray) -> np.ndarray | None:
         """(owned,) multipliers, of contact rows at least, that would take the `projected` gradient.
 
@@ -178,7 +178,7 @@ class Residuals:
         system is singular, those of the preconditioner; None without one.
         """
         if self.condensation.eliminated:
-            correction = self.condensation.correction(x, gradient)
+            correction = self.condensation.correction(load, x, gradient)
             if correction is not None:
                 return correction
         preconditioner, limits = self.qp.accelerators.preconditioner, self.rows.limits(len(x), x)

@@ -43,8 +43,10 @@ PASSES = 3  # of Newton's method: products show what rounding has left
 class Shortcut:
     """Of one fixed point. Collective."""
 
-    def __init__(self, qp: FrictionQP, slip: SlipState, condensation: Condensation):
-        self.qp, self.rows, self.slip, self.condensation = qp, qp.rows, slip, condensation
+    def __init__(self, qp: FrictionQP, bodies, slip: SlipState, condensation: Condensation):
+        """`bodies` as FixedPoint takes them."""
+        self.qp, self.rows, self.bodies = qp, qp.rows, bodies
+        self.slip, self.condensation = slip, condensation
 
     @property
     def possible(self) -> bool:
@@ -62,17 +64,19 @@ class Shortcut:
         friction = self.condensation.of_tangential(self.rows.coefficient)
         return friction.max(initial=0.0) <= DOUBTFUL_FRICTION
 
-    def begins(self, trace: Trace, x: np.ndarray, gradient: np.ndarray) -> bool:
+    def begins(self, load: Load, trace: Trace, x: np.ndarray, gradient: np.ndarray,
+               rtol: float) -> bool:
         """Whether approximations are to start from its solution.
 
-        Not where x (owned,) and its `gradient` are one: loads that only grow may have predicted it.
+        Not where x (owned,) and its `gradient` are one, with bodies balanced to `rtol`: loads that
+        only grow may have predicted it.
         """
         known = self.condensation.eliminated if trace.shortcut is None else trace.shortcut
         first = trace.shortcut is None and not known and self._comes_first
         if not (first or known and self.possible):
             return False
         residual = projected_gradient(x, gradient, *self.rows.limits(len(x), x))
-        return self.qp.size(residual) > self.qp.tol
+        return self.qp.size(residual) > self.qp.tol or self.bodies.imbalance(load, x) > rtol
 
     @functools.cached_property
     def _comes_first(self) -> bool:
@@ -115,14 +119,16 @@ class Shortcut:
         newton = elimination.products(FACTORIZATIONS * free**3 / 3)
         return newton if self.condensation.eliminated else elimination.price + newton
 
-    def solution(self, index: int, load: Load, x: np.ndarray, trace: Trace) -> tuple | None:
+    def solution(self, index: int, load: Load, x: np.ndarray, trace: Trace,
+                 rtol: float) -> tuple | None:
         """Multipliers (owned,), gradient and rows that slide of the solution near x; None if none.
 
-        None where Newton's method does not settle: it is local. `index` of the step: it is noted
-        where approximations did not contract.
+        None where Newton's method does not settle: it is local. Then bodies are where they were.
+        `index` of the step: it is noted where approximations did not contract. `rtol` is the
+        imbalance of bodies to be reached.
         """
         try:
-            found = self._found(load, x, trace)
+            found = self._found(load, x, trace, rtol)
         except NotConverged:
             found = None
         tried = trace.shortcut is None and len(trace.changes) > 0
@@ -132,7 +138,18 @@ class Shortcut:
         trace.shortcut = found is not None
         return found
 
-    def _found(self, load: Load, x: np.ndarray, trace: Trace) -> tuple | None:
+    def _found(self, load: Load, x: np.ndarray, trace: Trace, rtol: float) -> tuple | None:
+        """As `solution`. Raises NotConverged."""
+        patterns, found = self.qp.operator.structure.patterns, None
+        motion = load.weights[patterns:].copy()
+        try:
+            found = self._passes(load, x, trace, rtol)
+        finally:
+            if found is None:
+                self.bodies.shift(load, motion - load.weights[patterns:])
+        return found
+
+    def _passes(self, load: Load, x: np.ndarray, trace: Trace, rtol: float) -> tuple | None:
         rows, qp, condensation = self.rows, self.qp, self.condensation
         problem = condensation.problem_by_loads(load)
         condensation.eliminated = True
@@ -140,11 +157,13 @@ class Shortcut:
             z = one_solution.only_solution(problem, problem.whole(condensation.gather(x)))
             if z is None:
                 return None
-            x = condensation.place(z, x)
+            contact, motion = np.split(z, [condensation.size])
+            self.bodies.shift(load, motion)
+            x = condensation.place(contact, x)
             x, gradient = condensation.glued(load.d, x, qp.operator.apply(x) - load.d)
             bound = rows.friction_bound(x)
             residual = projected_gradient(x, gradient, *rows.limits_at(len(x), bound))
-            if qp.size(residual) <= qp.tol:
+            if qp.size(residual) <= qp.tol and self.bodies.imbalance(load, x) <= rtol:
                 if trace.rated and np.isnan(trace.contraction):
                     trace.rate = contraction(problem, z, WINDOW)
                 return x, gradient, rows.sliding(x, bound)

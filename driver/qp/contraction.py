@@ -1,9 +1,9 @@
 """By how much successive approximations of friction bounds contract near a solution."""
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve, lu_factor, lu_solve
 
-from .coulomb import CoulombProblem
+from .coulomb import SINGULAR, CoulombProblem
 from .equations import Equations
 
 
@@ -12,22 +12,42 @@ def contraction(problem: CoulombProblem, z: np.ndarray, rounds: int) -> float:
 
     A change of the forces of sliding nodes moves pressures with sticking nodes held and open ones
     open, these the forces again by their slope: the iteration is linear, and starts in proportion
-    to the forces. NaN where nothing slides, so that no bound counts, or where it ends at once.
-    Without free rigid motions, where C is positive definite on the closed rows.
+    to the forces; bodies without support move until these balance. NaN where nothing slides, so
+    that no bound counts, where it ends at once, or where what is held does not hold all bodies.
     """
     equations = Equations(problem, problem.states(z), problem.signs(z))
-    held, slides = equations.still, np.flatnonzero(equations.slides)
+    held, slides = np.flatnonzero(equations.still), np.flatnonzero(equations.slides)
     if not len(slides):
         return np.nan
     pair, slope, slip = problem.pair[slides], equations.slope[slides], problem.n + slides
-    factor = cho_factor(problem.compliance[np.ix_(held, held)], lower=True, check_finite=False)
+    solve = _held(problem, held)
     toward = problem.compliance[np.ix_(held, slip)]
     change, answer, sizes = z[slip], np.zeros(problem.rows), []
     for _ in range(rounds + 1):
         sizes.append(np.linalg.norm(change))
-        if sizes[-1] <= np.finfo(float).tiny:
+        if not sizes[-1] > np.finfo(float).tiny:
             return np.nan
-        answer[held] = -cho_solve(factor, toward @ change, check_finite=False)
+        answer[held] = -solve(toward @ change, problem.motions[slip].T @ change)
         change = slope * answer[pair]
     # the first change is not yet one that the iteration makes
     return float((sizes[-1] / sizes[1]) ** (1 / (rounds - 1)))
+
+
+def _held(problem: CoulombProblem, held: np.ndarray):
+    """Forces on the rows `held` for their movements, with the work of all that bodies balance.
+
+    NaN where these may move.
+    """
+    C, R = problem.compliance[np.ix_(held, held)], problem.motions[held]
+    if not problem.k:
+        factor = cho_factor(C, lower=True, check_finite=False)
+        return lambda moved, work: cho_solve(factor, moved, check_finite=False)
+    root = np.sqrt(np.diag(C))
+    alike = np.block([[C / np.outer(root, root), R / root[:, None] / problem.reach],
+                      [(R / root[:, None] / problem.reach).T, np.zeros((problem.k, problem.k))]])
+    factor = lu_factor(alike, check_finite=False)
+    pivots = np.abs(np.diag(factor[0]))
+    if pivots.min() <= SINGULAR * pivots.max():
+        return lambda moved, work: np.full(len(held), np.nan)
+    return lambda moved, work: lu_solve(factor, np.append(moved / root, work / problem.reach),
+                                        check_finite=False)[: len(held)] / root

@@ -21,11 +21,11 @@ OPEN, STICK, FORWARD, BACKWARD = (int(state) for state in State)  # plain number
 
 
 class Equations:
-    """One equation a row of a CoulombProblem `problem` in given states, without free motions.
+    """One equation a row of a CoulombProblem `problem` in given states.
 
-    Rows (n + m,) that are `still` do not move, (C x)_i = d_i; of the others forces are given: zero
-    of open nodes, slope lambda_n + given (m,) of those that slide. `slides` (m,) by their pressure,
-    `bound` (m,) times |lambda_n|.
+    Rows (n + m,) that are `still` do not move, (C x - R beta)_i = d_i; of the others forces are
+    given: zero of open nodes, slope lambda_n + given (m,) of those that slide. `slides` (m,) by
+    their pressure, `bound` (m,) times |lambda_n|.
     """
 
     def __init__(self, problem, states: np.ndarray, sign: np.ndarray):
@@ -46,10 +46,12 @@ class Equations:
             np.zeros(len(self.still) - len(self.slope), bool), self.slope != other.slope))
 
     def left(self, problem, rows: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Left sides (len(rows), ...) of `rows` at x (n + m, ...)."""
+        """Left sides (len(rows), ...) of `rows` at x (n + m + k, ...)."""
         n, still = problem.n, self.still[rows]
-        result = x[rows].copy()
-        result[still] = problem.compliance[rows[still]] @ x
+        result, held = x[rows].copy(), rows[still]
+        result[still] = problem.compliance[held] @ x[: problem.rows]
+        if problem.k:
+            result[still] -= problem.motions[held] @ x[problem.rows :]
         along = np.flatnonzero(~still & (rows >= n))
         t = rows[along] - n
         result[along] -= (self.slope[t] * x[problem.pair[t]].T).T

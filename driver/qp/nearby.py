@@ -24,28 +24,35 @@ def nearly_in(problem: CoulombProblem, states: np.ndarray,
               sign: np.ndarray) -> np.ndarray | None:
     """z of the linear system of `states` (n,) with `sign`s (n,) of lambda_n; None if singular.
 
-    To the digits of the latest factors where few rows differ and no motion is free.
+    To the digits of the latest factors where few rows differ and all bodies are held.
     """
     _, system, kept = problem.latest.get(problem.rubs, (None, None, None))
     z = None
-    if system is not None and len(system.free) and not problem.k:
+    if system is not None and len(system.free) and _holds(problem, system, states):
         if not kept:  # not by the system itself, which would stay until cycles are looked for
             kept.append(Nearby(system, problem.rows))
         z = kept[0].solution(problem, states, sign)
     return problem.solution_in(states, sign) if z is None else z
 
 
+def _holds(problem: CoulombProblem, system: StateSystem, states: np.ndarray) -> bool:
+    """Whether those of the `system` and `states` leave no body a motion of its own."""
+    return not problem.k or (system.turn.shape[1] == problem.k
+                             and problem.held(states).shape[1] == problem.k)
+
+
 class Nearby:
-    """Solutions by the factors of one `system` of a problem without free motions."""
+    """Solutions by the factors of one `system`, whose states hold all bodies."""
 
     def __init__(self, system: StateSystem, rows: int):
         """`rows`: n + m of the problem."""
         self._system, self._equations = system, system.equations
-        self._place, self._W = np.full(rows, -1), np.empty((rows, 0))  # of a row its column of W
+        self._place = np.full(rows, -1)  # of a row its column of W
+        self._W = np.empty((rows + system.motions.shape[1], 0))
 
     def solution(self, problem: CoulombProblem, states: np.ndarray,
                  sign: np.ndarray) -> np.ndarray | None:
-        """x (n + m,) of `problem`, which has the compliance of the system's, in other states.
+        """z (n + m + k,) of `problem`, which has the compliance of the system's, in other states.
 
         None where too many rows differ, or the factors are no help.
         """
@@ -53,7 +60,7 @@ class Nearby:
         rows = own.unlike(here)
         if len(rows) > FEW * len(self._system.free):
             return None
-        right = own.right(problem)
+        right = np.append(own.right(problem), problem.balance)
         base = right.copy()
         base[rows] = np.where(here.still[rows], problem.load[rows], 0.0)
         x = self._solved(problem, base[:, None])[:, 0]
@@ -67,14 +74,14 @@ class Nearby:
             if failed or not least.min() > LEAST * max(least.max(), 1.0):
                 return None
             x -= W @ lapack.dgetrs(factor, pivots, missed)[0]
-        own.put(problem, x)
+        own.put(problem, x[: problem.rows])
         return x if np.isfinite(x).all() else None
 
     def _columns(self, problem: CoulombProblem, rows: np.ndarray) -> np.ndarray:
-        """Those of W (n + m, len(rows)), each as if forces were right sides."""
+        """Those of W (n + m + k, len(rows)), each as if forces were right sides."""
         new = rows[self._place[rows] < 0]
         if len(new):
-            unit = np.zeros((problem.rows, len(new)))
+            unit = np.zeros((len(self._W), len(new)))
             still = self._equations.still[new]
             unit[new, np.arange(len(new))] = np.where(still, 1.0 / problem.rigidity[new], 1.0)
             self._place[new] = self._W.shape[1] + np.arange(len(new))
@@ -82,13 +89,22 @@ class Nearby:
         return self._W[:, self._place[rows]]
 
     def _solved(self, problem: CoulombProblem, right: np.ndarray) -> np.ndarray:
-        """x (n + m, r) of the system's equations with `right` sides (n + m, r)."""
-        still, system = self._equations.still, self._system
-        x = np.where(still[:, None], 0.0, right)
+        """x (n + m + k, r) of the system's equations with `right` sides (n + m + k, r).
+
+        Those of the motions are the work that they balance.
+        """
+        rows, still, system = problem.rows, self._equations.still, self._system
+        x = np.zeros_like(right)
+        x[:rows] = np.where(still[:, None], 0.0, right[:rows])
         given = np.flatnonzero(x.any(axis=1))
         free = right[system.free] - problem.compliance[np.ix_(system.free, given)] @ x[given]
+        if problem.k:
+            work = right[rows:] - problem.motions[given].T @ x[given]
+            free = np.concatenate([free, system.turn.T @ work])
         unknowns, _ = lapack.dgetrs(system.factor, system.pivots, system.scale[:, None] * free)
-        x[system.free] = system.scale[:, None] * unknowns
+        unknowns *= system.scale[:, None]
+        x[system.free] = unknowns[: len(system.free)]
+        x[rows:] = system.turn @ unknowns[len(system.free) :]
         along = np.flatnonzero(~still[problem.n :])
         x[problem.n + along] += self._equations.slope[along, None] * x[problem.pair[along]]
         return x

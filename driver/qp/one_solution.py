@@ -6,7 +6,7 @@ Then the way to it may be chosen by what it takes alone: complementarity.py has 
 import numpy as np
 
 from .complementarity import approached, approximation, newton
-from .coulomb import ROUNDING, CoulombProblem
+from .coulomb import ROUNDING, STICK, CoulombProblem
 from .nearby import nearly_in
 
 NEAR = 0.1  # part of the nodes whose movements say another state than their forces, at most
@@ -22,6 +22,8 @@ def only_solution(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | No
     and movements count by little: a whole surface that closes or turns is far softer than each of
     its nodes, which would open and close in turn.
     """
+    if problem.k and not start[: problem.n].any():
+        start = _touching(problem, start)
     if not problem.coefficient.any():
         return approached(problem, start)
     z = start = _nearer(problem, start)
@@ -36,6 +38,14 @@ def only_solution(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | No
             break
         solution = _ended(problem, z)
     return approached(problem, start) if solution is None else solution
+
+
+def _touching(problem: CoulombProblem, start: np.ndarray) -> np.ndarray:
+    """z with all nodes closed and sticking, if there is one, in the place of a `start` without
+    forces, from which nothing holds bodies without support.
+    """
+    z = nearly_in(problem, np.full(problem.n, STICK), np.zeros(problem.m))
+    return start if z is None else z
 
 
 def _ended(problem: CoulombProblem, z: np.ndarray) -> np.ndarray | None:

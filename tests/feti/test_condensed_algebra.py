@@ -8,11 +8,12 @@ from mpi4py import MPI
 from scipy.sparse import csr_matrix, triu
 
 from driver.errors import NotConverged
-from driver.feti import compliance, elimination_tree, fronts
+from driver.feti import coarse, compliance, elimination_tree, fronts
 from driver.feti.compliance import ContactCompliance, FaceInverse, _Factor, _multiply
 from driver.feti.contact_block import ContactBlock
 from driver.feti.elimination_tree import EliminationTree
 from driver.feti.fronts import GluingElimination
+from driver.feti.operator import DualOperator
 from driver.feti.structure import ContactTable, Substructure
 
 
@@ -188,6 +189,23 @@ def test_elimination_fits_beside_what_is_there_or_takes_little(built, monkeypatc
             for name, value in (("LITTLE", little), ("A_DOF", a_dof), ("FACTORIZED", factorized)):
                 monkeypatch.setattr(fronts, name, value)
             assert GluingElimination(problem.operator).fits is fits, (shared, little, a_dof)
+
+
+@pytest.mark.parametrize("scene, options, motions", [
+    ("joint", {"h": 1.6, "subdomains": 5}, 2), ("stack", {"subdomains": 7}, 9),
+    ("joint", {"h": 1.6, "subdomains": 6, "element": "P2"}, 2)])
+@pytest.mark.parametrize("large", [coarse.LARGE, 0])
+def test_bodies_on_springs_are_pinned_first(built, monkeypatch, scene, options, motions, large):
+    """C of bodies without support is that of one sparse factorization of the bodies on springs,
+    whoever solves the coarse problem; and it costs no products.
+    """
+    monkeypatch.setattr(coarse, "LARGE", large)
+    operator = DualOperator(built(scene, **options).structure, MPI.COMM_SELF)
+    assert operator.modes == motions
+    whole, before = ContactCompliance(operator).C, operator.products
+    found = GluingElimination(operator).compliance()
+    np.testing.assert_allclose(found, whole, rtol=0, atol=1e-10 * np.abs(whole).max())
+    assert operator.products == before
 
 
 # ------------------------------------------------------------------------------ compliances

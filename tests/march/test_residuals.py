@@ -480,13 +480,13 @@ def test_missing_forces_are_sought_on_rows_inside_their_bounds():
     found.qp = SimpleNamespace(size=np.linalg.norm, bound=1e9,
                                accelerators=SimpleNamespace(preconditioner=preconditioner))
     found.condensation = SimpleNamespace(eliminated=False)
-    missing = found._missing(x, gradient)
+    missing = found._missing(None, x, gradient)
     (residual, face), = asked
     assert face.tolist() == [False, False, True, True, True]
     np.testing.assert_array_equal(residual, [0, 0, -0.25, 0.125, 0])
     assert missing == pytest.approx(2 * np.hypot(0.25, 0.125) / np.linalg.norm(x[:4]))
     found.qp.accelerators.preconditioner = None  # then over what the QP's tolerance is relative to
-    assert found._missing(x, gradient) == pytest.approx(np.hypot(0.25, 0.125))
+    assert found._missing(None, x, gradient) == pytest.approx(np.hypot(0.25, 0.125))
 
 
 def test_corners_are_judged_by_the_whole_deformation(built, steps_of):

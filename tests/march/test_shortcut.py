@@ -113,14 +113,14 @@ def test_it_comes_first_where_many_rows_are_cheap_to_eliminate(decided, monkeypa
         monkeypatch.setattr(shortcut, "MANY_ROWS", least_rows)
         monkeypatch.setattr(fronts, "price", price)
         monkeypatch.setattr(fronts, "products", lambda operations: newton)
-        return way.begins(Trace(shortcut=tried), x, moved)
+        return way.begins(None, Trace(shortcut=tried), x, moved, 1e-6)
 
     assert first()
     assert not first(least_rows=rows + 1)
     assert not first(price=shortcut.AT_ONCE + 1) and not first(newton=2 * shortcut.AT_ONCE + 1)
     assert not first(alike=True)  # products of alike subdomains cost little
     assert not first(tried=False)  # and did not settle
-    assert not way.begins(Trace(), x, np.zeros_like(x))  # x is the solution
+    assert not way.begins(None, Trace(), x, np.zeros_like(x), 1e-6)  # x is the solution
 
 
 def test_a_history_of_a_small_body_takes_few_products(solved):
@@ -147,6 +147,41 @@ def test_elimination_first_ends_in_the_same_state(solved, monkeypatch):
     # how fast approximations would have contracted is known, for estimates of the last step
     rates = first.history["contraction"][-1], later.history["contraction"][-1]
     assert rates[0] == pytest.approx(rates[1], rel=0.5)
+
+
+def test_bodies_without_support_are_condensed_with_their_motions(solved, monkeypatch):
+    """Plates that only friction holds lengthwise, pulled and pushed: the first step starts without
+    forces. The same state as approximations end in, for six products a step.
+    """
+    words = {"h": 0.8, "steps": 6, "subdomains": 5, "uniqueness": "no"}
+    later = solved("joint", **words, quiet="no")
+    assert not later.summary["counts"]["condensed_steps"]
+    monkeypatch.setattr(shortcut, "MANY_ROWS", 1)
+    first = solved("joint", **words)
+    assert first.summary["counts"]["condensed_steps"] == 6 and products(first) <= 6 * 6
+    assert first.summary["counts"]["fixed_point_iterations"] == 0
+    assert first.summary["residuals"]["equilibrium"] <= 1e-9
+    assert np.abs(forces(first) - forces(later)).max() <= 1e-4 * np.abs(forces(later)).max()
+    assert 0 < first.history["contraction"][-1] < 1  # of exact approximations
+
+
+def test_bodies_go_back_where_newton_does_not_settle(built, steps_of, monkeypatch):
+    """The search that follows starts where the step does."""
+    problem = built("joint", h=1.6, subdomains=3, steps=1)
+    solver, _ = steps_of(problem)
+    way, places = solver.fixed_point.shortcut, []
+    load = solver.load(1, np.zeros(problem.operator.modes), np.zeros(problem.operator.owned))
+
+    def runs_away(load, *_):
+        way.bodies.shift(load, np.ones(problem.operator.modes))
+        places.append(load.weights.copy())
+        raise NotConverged("no state settles")
+
+    monkeypatch.setattr(way, "_passes", runs_away)
+    before, d = load.weights.copy(), load.d.copy()
+    assert way.solution(1, load, np.zeros(problem.operator.owned), Trace(), 1e-6) is None
+    assert (places[0] != before).any() and np.array_equal(load.weights, before)
+    assert np.array_equal(load.d, d)
 
 
 @pytest.mark.filterwarnings("error")
@@ -229,15 +264,16 @@ def test_forces_that_are_missing_are_those_of_newton(built, steps_of, monkeypatc
     moved = rows.follow(x + change, rows.sliding(x, rows.friction_bound(x)))
     change = moved - x
     assert np.abs(change[rows.tangential]).max() > 0
-    found = condensation.correction(moved, op.apply(moved) - op.apply(x) + step.gradient)
+    load = solver.load(1, np.zeros(0), np.zeros(op.owned))
+    found = condensation.correction(load, moved, op.apply(moved) - op.apply(x) + step.gradient)
     np.testing.assert_allclose(found, -change, rtol=0, atol=1e-6 * np.abs(change).max())
-    said = solver.residuals._missing(moved, op.apply(moved) - op.apply(x) + step.gradient)
+    said = solver.residuals._missing(load, moved, op.apply(moved) - op.apply(x) + step.gradient)
     contact = np.append(rows.normal, rows.tangential)
     size = np.linalg.norm(change[contact]) / np.linalg.norm(moved[contact])
     assert said == pytest.approx(size, rel=1e-5)
     glue = np.zeros_like(x)
     glue[rows.gluing] = 1e-3 * rng.standard_normal(len(rows.gluing)) * np.abs(x).max()
-    found = condensation.correction(x + glue, op.apply(glue) + step.gradient)
+    found = condensation.correction(load, x + glue, op.apply(glue) + step.gradient)
     assert np.abs(found).max() <= 1e-8 * np.abs(glue).max()
 
 
@@ -266,8 +302,8 @@ def test_where_a_search_begins_with_newton(decided, eliminated, tried, begins):
     way = decided.way
     way.condensation.eliminated, zero = eliminated, np.zeros(way.qp.operator.owned)
     trace = Trace(shortcut=tried)
-    assert way.begins(trace, zero, zero + 1.0) == begins
-    assert not way.begins(trace, zero, zero)
+    assert way.begins(None, trace, zero, zero + 1.0, 1e-6) == begins
+    assert not way.begins(None, trace, zero, zero, 1e-6)
 
 
 @pytest.mark.parametrize("changed", [
@@ -284,14 +320,14 @@ def test_where_it_is_not_possible(changed):
              "of_tangential": lambda values: values}
     for given, expected in ((known, True), (known | changed, False)):
         own = SimpleNamespace(**given)
-        way = Shortcut(SimpleNamespace(rows=own), SimpleNamespace(effects=own), own)
+        way = Shortcut(SimpleNamespace(rows=own), None, SimpleNamespace(effects=own), own)
         assert way.possible == expected
 
 
-@pytest.mark.parametrize("changed", [{"jumps": True}, {"modes": 3}, {"contact_rows_only": True}])
+@pytest.mark.parametrize("changed", [{"jumps": True}, {"contact_rows_only": True}])
 def test_what_is_not_eliminated(changed):
-    """Jumps of stiffness take pivots, free bodies a border, studies have no gluing rows."""
-    own = SimpleNamespace(**({"jumps": False, "modes": 0, "contact_rows_only": False} | changed))
+    """Jumps of stiffness take pivots, studies have no gluing rows."""
+    own = SimpleNamespace(**({"jumps": False, "contact_rows_only": False} | changed))
     condensation = object.__new__(Condensation)
     condensation.operator = own
     assert condensation.elimination is None
@@ -300,13 +336,13 @@ def test_what_is_not_eliminated(changed):
 def test_what_cannot_be_eliminated_is_no_shortcut(monkeypatch):
     """And the step goes on as if it had not been tried, but is not tried again."""
     trace = Trace(changes=[1.0, 2.0])
-    way = Shortcut(SimpleNamespace(rows=None, history=History()), None, None)
+    way = Shortcut(SimpleNamespace(rows=None, history=History()), None, None, None)
 
     def fails(*_):
         raise NotConverged("not definite")
 
     monkeypatch.setattr(Shortcut, "_found", fails)
-    assert way.solution(5, None, None, trace) is None
+    assert way.solution(5, None, None, trace, 1e-6) is None
     assert trace.shortcut is False and not trace.fallback and not way.qp.history.fallbacks.steps
 
 
@@ -314,9 +350,9 @@ def test_what_cannot_be_eliminated_is_no_shortcut(monkeypatch):
 def test_approximations_that_do_not_contract_are_noted(monkeypatch, changes, noted):
     """Once, and the step is one in doubt."""
     history, trace = History(), Trace(changes=list(changes))
-    way = Shortcut(SimpleNamespace(rows=None, history=history), None, None)
+    way = Shortcut(SimpleNamespace(rows=None, history=history), None, None, None)
     monkeypatch.setattr(Shortcut, "_found", lambda *_: ("x", "gradient", "sliding"))
     for _ in range(2):
-        assert way.solution(5, None, None, trace) == ("x", "gradient", "sliding")
+        assert way.solution(5, None, None, trace, 1e-6) == ("x", "gradient", "sliding")
     assert trace.fallback == noted and trace.shortcut
     assert history.fallbacks.steps == ({globalization.NEWTON: [5]} if noted else {})

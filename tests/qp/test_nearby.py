@@ -8,7 +8,7 @@ import pytest
 from test_complementarity import halfspace, random_problem
 
 from driver.contact.states import STICK
-from driver.qp.coulomb import BACKWARD, FORWARD, CoulombProblem, StateSystem
+from driver.qp.coulomb import FORWARD, CoulombProblem, StateSystem
 from driver.qp.nearby import FEW, Nearby, nearly_in
 from driver.qp.one_solution import only_solution
 
@@ -27,7 +27,7 @@ def changed(rng, problem: CoulombProblem, states: np.ndarray, count: int) -> np.
     return states
 
 
-@pytest.mark.parametrize("kind", ["friction", "offsets", "given bounds", "bilateral"])
+@pytest.mark.parametrize("kind", ["friction", "offsets", "given bounds", "bilateral", "free"])
 @pytest.mark.parametrize("count", [0, 1, 4])
 def test_few_changes_are_those_of_new_factors(kind, count):
     """Rows begin or cease to move, slide or turn, with friction that pressures bound or not."""
@@ -40,6 +40,10 @@ def test_few_changes_are_those_of_new_factors(kind, count):
     elif kind == "bilateral":
         problem = CoulombProblem(problem.compliance, problem.load, problem.coefficient,
                                  problem.pair, rng.random(NODES) < 0.5)
+    elif kind == "free":
+        problem = CoulombProblem(problem.compliance, problem.load, problem.coefficient,
+                                 problem.pair, motions=rng.standard_normal((2 * NODES, 3)),
+                                 balance=rng.standard_normal(3), offset=offset)
     sign = np.where(problem.bilateral & (rng.random(NODES) < 0.5), -1.0, 1.0)
     states = np.where(np.arange(NODES) < NODES // 2, STICK, drawn(rng, problem))
     problem.solution_in(states, sign)
@@ -54,7 +58,7 @@ def test_few_changes_are_those_of_new_factors(kind, count):
 
 
 def test_many_changes_have_factors_of_their_own():
-    """Also where free motions come in as unknowns."""
+    """Also where states let bodies go, or the factorized ones did."""
     problem = halfspace(NODES, 0.4)
     sticks, slides = np.full(NODES, STICK), np.full(NODES, FORWARD)
     problem.solution_in(sticks, np.ones(NODES))
@@ -69,11 +73,13 @@ def test_many_changes_have_factors_of_their_own():
     lifted = np.zeros(NODES, int)
     for _ in range(2):  # all open: there is nothing to be solved
         assert not nearly_in(problem, lifted, np.ones(NODES)).any()
-    free = random_problem(1, 6, motions=2)
-    free.solution_in(np.full(6, STICK), np.ones(6))
-    states = np.array([STICK, STICK, STICK, STICK, STICK, BACKWARD])
-    assert np.array_equal(nearly_in(free, states, np.ones(6)),
-                          free.solution_in(states, np.ones(6)))
+    free, signs = random_problem(1, 6, motions=2), np.ones(6)
+    held, loose = np.full(6, STICK), np.where(np.arange(6) < 1, FORWARD, 0)
+    assert free.held(held).shape[1] == 2 > free.held(loose).shape[1]
+    for first, second in ((held, loose), (loose, held)):
+        free.solution_in(first, signs)
+        near = nearly_in(free, second, signs)
+        assert np.array_equal(near, free.solution_in(second, signs))
 
 
 def test_a_system_that_becomes_singular_is_not_updated():
