@@ -44,7 +44,7 @@ def _touching(problem: CoulombProblem, start: np.ndarray) -> np.ndarray:
     """z with all nodes closed and sticking, if there is one, in the place of a `start` without
     forces, from which nothing holds bodies without support.
     """
-    z = nearly_in(problem, np.full(problem.n, STICK), np.zeros(problem.m))
+    z = nearly_in(problem, np.full(problem.n, STICK), np.ones(problem.n))
     return start if z is None else z
 
 

@@ -584,6 +584,22 @@ def test_a_surface_that_closes_is_far_softer_than_its_nodes(monkeypatch):
     assert 2 * taken[0] <= taken[1]
 
 
+def test_a_body_that_nothing_holds_yet_starts_where_all_nodes_stick(monkeypatch):
+    """A round punch that moves freely, put down and pushed; one node has no tangential row. Nodes
+    that stick hold it, and then most of them open; from no forces at all nothing leads on.
+    """
+    half, kept = halfspace(60, 0.3), np.delete(np.arange(120), 60)
+    along = np.repeat(np.eye(2), 60, axis=0)[kept]
+    gap = np.append(-12.0 * np.linspace(-1, 1, 60)**2, np.zeros(59))
+    problem = CoulombProblem(half.compliance[np.ix_(kept, kept)], gap, np.full(59, 0.3),
+                             np.arange(1, 60), motions=along, balance=np.array([20.0, 3.0]))
+    z = only_solution(problem, problem.whole(np.zeros(119)))
+    assert 10 < np.count_nonzero(z[:60] > 0) < 50
+    assert_obeys(problem, z)
+    monkeypatch.setattr(one_solution, "_touching", lambda problem, start: start)
+    assert only_solution(problem, problem.whole(np.zeros(119))) is None
+
+
 @pytest.mark.parametrize("friction, pressed, sheared, isolated", [
     (0.5, 2.0, 0.2, False),  # what one presses more the other may press less
     (0.5, 0.0, 0.0, False),  # and does not: a single point of a line obeys the law
