@@ -35,9 +35,8 @@ def displacement(structure: Substructure, classes: list[LocalClass], vectors: Du
                 moved[i] = (rows.coefficient * u[rows.dof]).sum(axis=1)
     glued = vectors.assemble(local * vectors.sign)
     kind = structure.row_kind
-    glued[kind == RowKind.GLUING] = 0.0  # rounding
-    # what is joined to itself, periodically, does not move either
-    glued[(kind == RowKind.JOINED) & (np.abs(glued) < STILL)] = 0.0
+    # rounding, also of what is joined to itself, periodically, or slides along without friction
+    glued[(kind == RowKind.GLUING) | (np.abs(glued) < STILL)] = 0.0
     return glued
 
 

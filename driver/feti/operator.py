@@ -334,7 +334,8 @@ class DualOperator(DualProblem):
     def movements(self, corner: np.ndarray) -> np.ndarray:
         """(owned,) what dual rows move by with the stacked corner dofs `corner`; collective."""
         rows = np.zeros(len(self.vectors.sign))
-        self._A_transposed.multiply(corner, rows)
+        # of numbers that lie apart products may round by how many there are
+        self._A_transposed.multiply(np.ascontiguousarray(corner), rows)
         return self.vectors.assemble(rows * self.vectors.sign)
 
     def _signed_rows(self, multipliers: np.ndarray) -> np.ndarray:

@@ -114,7 +114,7 @@ class Condensation:
 
         Under the `load`, which says what acts on bodies without support.
 
-        None if its system is singular. Needs an `elimination`. Where x is a solution the factors of
+        None if its system may be singular. Needs an `elimination`. Where x is a solution the factors of
         Newton's last system are used again. Collective; raises NotConverged.
         """
         op, (first, last) = self.operator, self.operator.structure.row_range
@@ -124,6 +124,8 @@ class Condensation:
         problem = self._under(load, compliance @ forces + movement)
         z = problem.whole(forces)
         states, signs = problem.states(z, movement), problem.signs(z)
+        if problem.system(states, signs).doubtful:
+            return None
         change = problem.correction_in(states, signs, z, movement)
         return None if change is None else self.place(change[0][: self.size], np.zeros(op.owned))
 

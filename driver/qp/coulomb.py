@@ -266,7 +266,8 @@ class StateSystem:
     Free are lambda_n in contact and lambda_t where a node sticks: their rows do not move. lambda_t
     = slope lambda_n of a sliding node is put in, open nodes are left out. Offsets of sliding nodes
     act as given forces. Motions count as far as the states hold them: beta = turn gamma. `index` is
-    the sign of the determinant, that of the whole system of normal and tangential rows as well.
+    the sign of the determinant, that of the whole system of normal and tangential rows as well;
+    `dependent` says whether it is singular, `doubtful` whether rounding may hide that it is.
     Rows and unknowns are over `scale`: bodies of any stiffness have diagonals of one and motions
     of one in the same system, and what its pivots say of it does not depend on units.
     """
@@ -305,6 +306,7 @@ class StateSystem:
             self.factor, self.pivots, failed = lapack.dgetrf(self.matrix)
         least = np.abs(np.diag(self.factor))
         self.dependent = failed != 0 or bool(len(least)) and least.min() <= NONE * least.max()
+        self.doubtful = self.dependent or bool(len(least)) and least.min() <= SINGULAR * least.max()
         swaps = np.count_nonzero(self.pivots != np.arange(len(self.pivots)))
         self.index = int(np.prod(np.sign(np.diag(self.factor))) * (-1) ** swaps)
 
@@ -369,8 +371,7 @@ class StateSystem:
 
         A regular system has no directions, and no z here. Unilateral contact.
         """
-        pivots = np.abs(np.diag(self.factor))
-        if not len(pivots) or pivots.min() > SINGULAR * pivots.max() and not self.dependent:
+        if not self.doubtful:
             return None
         matrix, right = self.matrix, self._right(load, balance)
         left, sizes, basis = np.linalg.svd(matrix)

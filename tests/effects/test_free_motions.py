@@ -12,6 +12,7 @@ from driver.contact.kkt import Scales
 from driver.contact.rows import ContactRows
 from driver.effects.free_bodies import LOOSE, FreeBodies, _least, _sum
 from driver.feti import free_motions
+from driver.march import shortcut
 
 
 def mode(body=0, translation=(1.0, 0.0), rotation=0.0) -> SimpleNamespace:
@@ -207,3 +208,40 @@ def test_bodies_with_supports_count_beside_the_forces_that_touch_them(monkeypatc
     monkeypatch.setattr(free_motions, "touched", lambda *given: given)
     assert bodies._touched == {2: (structure, "classes", "vectors", modes[3:4]),
                                3: (structure, "classes", "vectors", modes[4:])}
+
+
+ROLLERS = """include "scene.idp"
+subdomains("4");
+border a(t=0, 1) { x = 76.88*t; y = 0; label = 1; }
+border b(t=0, 1) { x = 76.88; y = 24.968*t; label = 2; }
+border c(t=0, 1) { x = 76.88*(1 - t); y = 24.968; label = 3; }
+border d(t=0, 1) { x = 0; y = 24.968*(1 - t); label = 4; }
+mesh lower = buildmesh(a(12) + b(4) + c(12) + d(4));
+int[int] own = [11, 12, 13, 14];
+mesh upper = square(8, 4, [3.967024 + 70.5296*x, 24.968 + 35.752*y], label = own);
+addBody(lower)
+addBody(upper)
+quasistatic(1.);
+macro young() 210000. //
+macro poisson() 0.3 //
+macro support() on(1, u2 = 0.) //
+macro load1() traction(13, 0., -63.) //
+macro contactPair() 11, 3 //
+macro bilateral() 1 //
+include "export.idp"
+"""
+
+
+def test_rows_feel_no_motion_by_rounding(built, solved, named_scene, monkeypatch):
+    """Blocks on rollers may go along without friction, and no force answers to the last digits of
+    places. Forces had answered, and steps that eliminate gluing rows had ended with status 4.
+    """
+    path = named_scene("rollers", ROLLERS)
+    operator = built(path, subdomains=5).operator
+    felt = np.abs(np.column_stack(operator.motions)).max(axis=0)
+    assert len(felt) == 4 and np.count_nonzero(felt) == 2  # up and down, and turning, of the upper
+    assert felt[felt > 0].min() > 1e-3
+    monkeypatch.setattr(shortcut, "MANY_ROWS", 1)
+    run = solved(path, subdomains=5, steps=2)
+    assert run.status == 0 and run.summary["counts"]["condensed_steps"] > 0
+    assert max(run.summary["residuals"].values()) <= 1e-9
