@@ -14,11 +14,12 @@ Duff, J. K. Reid, ACM Trans. Math. Softw. 9 (1983) 302-325), one after the other
 compliance.py).
 
 Bodies that no support holds are pinned at some corner dofs (coarse.py). Gluing forces do not move a
-body as a whole, so that no gluing row feels the pins. Contact rows do: with the displacements R
-that they have of the motions Q, those y that they have, glued, of corner forces Q on pinned bodies,
-and the work e of these, C on springs of compliance rho is
+body as a whole, so that no gluing row feels the pins. Contact rows do. With what they move by, R,
+with the motions Q, and with what rows move by under corner forces Q on pinned bodies, f = A S^+ Q,
+and on these glued, C on springs of compliance rho is
 
-    C_rho = C - R y' - y R' + R (e + rho) R',
+    C_rho = C - R y' - y R' + R (e + rho) R',    y = f_c - F_cg F_gg^-1 f_g,
+                                                 e = Q' S^+ Q - f_g' F_gg^-1 f_g,
 
 as S_rho^-1 = P S^+ P + rho Q Q' says, P = I - Q Q', for any S^+.
 """
@@ -44,9 +45,8 @@ SHARED = 5.0  # multiplications with a matrix that many subdomains share
 WITH_PRECONDITIONER = 2.0  # the Dirichlet preconditioner has matrices of the size of F's
 # multiplications in the time that a front takes however small, and a product with what QPs do by it
 EACH_FRONT, EACH_PRODUCT = 4e5, 8e5
-# numbers in memory: of a dof with mesh, stiffness and solutions, and of its subdomain's own factor;
-# what any machine has room for
-A_DOF, FACTORIZED, LITTLE = 25, 200, 2**25
+A_DOF, FACTORIZED = 25, 200  # numbers kept of a dof: mesh, solutions; its subdomain's own factor
+LITTLE = 2**25  # numbers that any machine has room for
 A_BLOCK = 200  # entries that are added one by one in the time that a block takes however small
 
 
@@ -207,11 +207,11 @@ class GluingElimination:
         number = self._numbers[self._operator.structure.first + s]
         order, sign = np.argsort(self._place[number]), np.append(rows.sign, np.ones(corner))
         matrix = np.block([[c.F, -c.A], [-c.A_transposed, -c.S]]) * sign[:, None] * sign
-        pinned = len(c.F) + np.flatnonzero(
+        pinned = np.flatnonzero(
             np.isin(self._operator.structure.corner_global[s], self._operator.coarse.pins))
-        stiffness = matrix[pinned, pinned]
-        matrix[pinned] = matrix[:, pinned] = 0.0
-        matrix[pinned, pinned] = stiffness
+        place = len(c.F) + pinned
+        matrix[place] = matrix[:, place] = 0.0
+        matrix[place, place] = -c.corner_stiffness[pinned]  # S may have but rounding there
         return matrix[np.ix_(order, order)]
 
     def _matrices(self) -> list[list[tuple]]:

@@ -104,8 +104,8 @@ class RigidParts:
             x, y = self._away[nodes].T
             moved = (u[::2] - along + turning * y)**2 + (u[1::2] - across - turning * x)**2
             vertices = self._corner_moments[0][nodes] > 0
-            largest = max(largest, moved.max(initial=0.0, where=vertices))
-        return float(np.sqrt(self.comm.allreduce(largest, op=MPI.MAX)))
+            largest = np.maximum(largest, moved.max(initial=0.0, where=vertices))  # NaN stays
+        return float(np.sqrt(self.comm.allreduce(float(largest), op=MPI.MAX)))
 
     def _products(self, u: np.ndarray) -> np.ndarray:
         """(bodies, 3) int R . u for displacements u (nodes, 2) of the rank's subdomains."""

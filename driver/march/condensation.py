@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..qp import complementarity
-from ..qp.coulomb import CoulombProblem
+from ..qp.coulomb import SLIGHT, CoulombProblem
 from ..feti.compliance import contact_compliance
 from ..feti.dual_problem import DualProblem
 from ..feti.fronts import GluingElimination
@@ -14,6 +14,8 @@ from ..feti.gathering import gather
 from ..feti.rows import contact_row_numbers
 from ..contact.rows import ContactRows
 from .step import Load
+
+FAINT = 1e-3  # part of the motion that rows feel most, below which they hardly feel one
 
 
 @dataclass
@@ -97,6 +99,28 @@ class Condensation:
             return None
         return GluingElimination(self.operator)
 
+    @functools.cached_property
+    def hardly_felt(self) -> bool:
+        """Whether there is a motion of bodies without support that contact rows resist by little.
+
+        As the turning of a disc that sides, which are not quite round, hold in its hole.
+        """
+        motions = self._motions()
+        if motions is None or not self.size:
+            return False
+        reach = np.abs(motions).max(axis=0)
+        sizes = np.linalg.svd(motions / np.where(reach > 0, reach, 1.0), compute_uv=False)
+        return bool(((sizes > SLIGHT) & (sizes < FAINT * sizes[0])).any())
+
+    def _motions(self) -> np.ndarray | None:
+        """(n + m, k) what contact rows move by with bodies without support; None if all have some.
+        """
+        if not self.operator.modes:
+            return None
+        motions = np.column_stack([self.gather(d) for d in self.operator.motions])
+        motions[self.apart] = 0.0
+        return motions
+
     def glued(self, d: np.ndarray, x: np.ndarray,
               gradient: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """x with the gluing multipliers of its contact multipliers, and its gradient: a product.
@@ -112,10 +136,9 @@ class Condensation:
     def correction(self, load: Load, x: np.ndarray, gradient: np.ndarray) -> np.ndarray | None:
         """Change (owned,) of contact forces by a step of Newton's method from x and its gradient.
 
-        Under the `load`, which says what acts on bodies without support.
-
-        None if its system may be singular. Needs an `elimination`. Where x is a solution the factors of
-        Newton's last system are used again. Collective; raises NotConverged.
+        Under the `load`, which says what acts on bodies without support. None if its system may be
+        singular. Needs an `elimination`. Where x is a solution the factors of Newton's last system
+        are used again. Collective; raises NotConverged.
         """
         op, (first, last) = self.operator, self.operator.structure.row_range
         compliance = self.compliance()
@@ -204,11 +227,9 @@ class Condensation:
         """
         op, balance, rows = self.operator, None, self.rows
         if self._law is None or op.softness is not None:
-            motions = np.column_stack([self.gather(d) for d in op.motions]) if op.modes else None
-            if op.modes:
-                motions[self.apart] = 0.0
             self._law = CoulombProblem(self.compliance(), np.zeros(self.n + self.m),
-                                       np.zeros(self.m), self.pair, self._bilateral(), motions)
+                                       np.zeros(self.m), self.pair, self._bilateral(),
+                                       self._motions())
         coefficient, offset = np.zeros(self.m), None
         if not rows.bound_is_given:
             coefficient = self.of_tangential(rows.coefficient)

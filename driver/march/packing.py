@@ -11,7 +11,7 @@ import numpy as np
 
 
 class Stack(list):
-    """Arrays of one shape and type that are written as one, without being it: (n, ...)."""
+    """Arrays of one shape that are written as one, without being it: (n, ...)."""
 
 
 def pack(state: dict, file) -> None:
@@ -26,8 +26,10 @@ def pack(state: dict, file) -> None:
 
 
 def _write(file, array: np.ndarray | Stack) -> None:
-    """An array in numpy's format."""
+    """An array in numpy's format. Raises ValueError for a stack of several shapes."""
     parts, count = (array, (len(array),)) if isinstance(array, Stack) else ([array], ())
+    if any(part.shape != parts[0].shape for part in parts):
+        raise ValueError("a stack has arrays of one shape")
     kind = np.result_type(*parts)
     np.lib.format.write_array_header_2_0(
         file, {"descr": np.lib.format.dtype_to_descr(kind), "fortran_order": False,

@@ -50,14 +50,15 @@ class Shortcut:
 
     @property
     def possible(self) -> bool:
-        """Whether the problem is the same one in all iterations and may be condensed.
+        """Whether the problem is the same one in all iterations and there is room to condense it.
 
-        And has one solution: of several Newton's method may find another one.
+        And it has one solution: of several Newton's method may find another one, and motions that
+        rows hardly feel it would obey to the last digit (`FreeBodies.settle` does not).
         """
         if self.rows.corners is not None or self.rows.idle is not None:
             return False
         elimination = self.condensation.elimination
-        if elimination is None or not elimination.fits:
+        if elimination is None or not elimination.fits or self.condensation.hardly_felt:
             return False
         if self.slip.effects.coefficient_changes or self.slip.effects.closes:
             return False
@@ -73,7 +74,7 @@ class Shortcut:
         """
         known = self.condensation.eliminated if trace.shortcut is None else trace.shortcut
         first = trace.shortcut is None and not known and self._comes_first
-        if not (first or known and self.possible):
+        if not (first or known) or not self.possible:
             return False
         residual = projected_gradient(x, gradient, *self.rows.limits(len(x), x))
         return self.qp.size(residual) > self.qp.tol or self.bodies.imbalance(load, x) > rtol
@@ -83,7 +84,7 @@ class Shortcut:
         """Whether sizes alone tell that elimination is cheaper than successive approximations."""
         condensation, operator = self.condensation, self.condensation.operator
         few = operator.structure.dual_dofs < MANY_ROWS or not condensation.size
-        if few or operator.alike or not self.possible:
+        if few or operator.alike or condensation.elimination is None:
             return False
         elimination = condensation.elimination
         newton = elimination.products(FACTORIZATIONS * condensation.size**3 / 3)
@@ -147,6 +148,7 @@ class Shortcut:
         finally:
             if found is None:
                 self.bodies.shift(load, motion - load.weights[patterns:])
+                load.forget()
         return found
 
     def _passes(self, load: Load, x: np.ndarray, trace: Trace, rtol: float) -> tuple | None:

@@ -1,14 +1,14 @@
 """By how much successive approximations of friction bounds contract near a solution."""
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, lu_factor, lu_solve
+from scipy.linalg import cho_factor, cho_solve, lapack
 
 from .coulomb import SINGULAR, CoulombProblem
 from .equations import Equations
 
 
 def contraction(problem: CoulombProblem, z: np.ndarray, rounds: int) -> float:
-    """Mean factor of `rounds` changes of friction bounds in the states of the solution z (n + m,).
+    """Mean factor of `rounds` changes of friction bounds in the states of the solution z.
 
     A change of the forces of sliding nodes moves pressures with sticking nodes held and open ones
     open, these the forces again by their slope: the iteration is linear, and starts in proportion
@@ -45,9 +45,13 @@ def _held(problem: CoulombProblem, held: np.ndarray):
     root = np.sqrt(np.diag(C))
     alike = np.block([[C / np.outer(root, root), R / root[:, None] / problem.reach],
                       [(R / root[:, None] / problem.reach).T, np.zeros((problem.k, problem.k))]])
-    factor = lu_factor(alike, check_finite=False)
-    pivots = np.abs(np.diag(factor[0]))
-    if pivots.min() <= SINGULAR * pivots.max():
+    factor, order, failed = lapack.dgetrf(alike)
+    pivots = np.abs(np.diag(factor))
+    if failed or pivots.min() <= SINGULAR * pivots.max():
         return lambda moved, work: np.full(len(held), np.nan)
-    return lambda moved, work: lu_solve(factor, np.append(moved / root, work / problem.reach),
-                                        check_finite=False)[: len(held)] / root
+
+    def forces(moved: np.ndarray, work: np.ndarray) -> np.ndarray:
+        found, _ = lapack.dgetrs(factor, order, np.append(moved / root, work / problem.reach))
+        return found[: len(held)] / root
+
+    return forces

@@ -41,8 +41,9 @@ def only_solution(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | No
 
 
 def _touching(problem: CoulombProblem, start: np.ndarray) -> np.ndarray:
-    """z with all nodes closed and sticking, if there is one, in the place of a `start` without
-    forces, from which nothing holds bodies without support.
+    """z with all nodes closed and sticking, or the `start` where there is none.
+
+    Where nothing presses yet nothing holds bodies without support, and no system can be solved.
     """
     z = nearly_in(problem, np.full(problem.n, STICK), np.ones(problem.n))
     return start if z is None else z

@@ -172,10 +172,10 @@ class Fields:
 
     def _write(self, name: str, points, cells) -> None:
         """A file for data of the points and triangles of a subdomain, by name; collective."""
-        own = self.pieces
-        for turn in range(own.turns):
-            self._write_piece(name, turn, own.received(turn, own.points, POINTS, points),
-                              own.received(turn, own.triangles, CELLS, cells))
+        pieces = self.pieces
+        for turn in range(pieces.turns):
+            self._write_piece(name, turn, pieces.received(turn, pieces.points, POINTS, points),
+                              pieces.received(turn, pieces.triangles, CELLS, cells))
 
     def _write_piece(self, name: str, turn: int, points: dict, cells: dict) -> None:
         """The piece that this rank writes in a turn, if it does; collective."""

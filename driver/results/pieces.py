@@ -1,8 +1,7 @@
 """Pieces of fields: ranges of subdomains, the same on any number of ranks, each with a writer.
 
 The rank that has the first subdomain of a piece writes it. Ranks send one another what is written
-in turns, in each of which a rank writes one piece at most: nobody holds a field as a whole, nor a
-copy of its own part.
+in turns, in each of which a rank writes one piece at most: what is on its way is no more than that.
 """
 
 from collections.abc import Callable

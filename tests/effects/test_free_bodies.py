@@ -591,6 +591,20 @@ def test_a_motion_that_only_rounding_resists_is_held_like_the_others(built, tmp_
     assert len(rho) == 3 and rho.max() < 10 * rho.min()
 
 
+@pytest.mark.parametrize("cut, friction, little", [(3, "", False), (9, "", True),
+                                                   (9, "macro friction() 0.3 //\n", False)])
+def test_motions_that_rows_hardly_resist_are_known(built, steps_of, tmp_path, cut, friction,
+                                                   little):
+    """A disc whose nodes are on its circle to eight digits: Newton's method would turn it until the
+    rest of these holds it. Without them nothing resists at all, with friction rows do.
+    """
+    path = tmp_path / "ring.edp"
+    path.write_text(RING.replace('include "export', friction + 'include "export'))
+    solver, _ = steps_of(built(path, subdomains=cut), uniqueness="no")
+    assert solver.condensation.hardly_felt == little
+    assert little <= (not solver.fixed_point.shortcut.possible)
+
+
 @pytest.mark.parametrize("step", [1, 3])
 def test_a_qp_that_fails_on_the_way_to_rest_is_not_the_end(built, steps_of, monkeypatch, step,
                                                            tmp_path):

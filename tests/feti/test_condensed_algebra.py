@@ -191,15 +191,31 @@ def test_elimination_fits_beside_what_is_there_or_takes_little(built, monkeypatc
             assert GluingElimination(problem.operator).fits is fits, (shared, little, a_dof)
 
 
+HALF_DISC = """include "scene.idp"
+border c0(t=pi, 2*pi) { x = 20*cos(t); y = 20*sin(t); label = 1; }
+border c1(t=0, 1) { x = 20 - 40*t; y = 0; label = 2; }
+body = buildmesh(c0(24) + c1(12));
+macro young() 210e3 //
+macro poisson() 0.3 //
+macro load1() traction(2, 0., -1.) //
+macro contact() 1 //
+macro friction() 0.4 //
+include "export.idp"
+"""
+
+
 @pytest.mark.parametrize("scene, options, motions", [
     ("joint", {"h": 1.6, "subdomains": 5}, 2), ("stack", {"subdomains": 7}, 9),
+    ("half-disc", {"subdomains": 1}, 3),  # of two corners, along whose line nothing is stiff
     ("joint", {"h": 1.6, "subdomains": 6, "element": "P2"}, 2)])
 @pytest.mark.parametrize("large", [coarse.LARGE, 0])
-def test_bodies_on_springs_are_pinned_first(built, monkeypatch, scene, options, motions, large):
+def test_bodies_on_springs_are_pinned_first(built, named_scene, monkeypatch, scene, options,
+                                            motions, large):
     """C of bodies without support is that of one sparse factorization of the bodies on springs,
     whoever solves the coarse problem; and it costs no products.
     """
     monkeypatch.setattr(coarse, "LARGE", large)
+    scene = named_scene(scene, HALF_DISC) if scene == "half-disc" else scene
     operator = DualOperator(built(scene, **options).structure, MPI.COMM_SELF)
     assert operator.modes == motions
     whole, before = ContactCompliance(operator).C, operator.products

@@ -184,10 +184,10 @@ def test_bodies_go_back_where_newton_does_not_settle(built, steps_of, monkeypatc
         raise NotConverged("no state settles")
 
     monkeypatch.setattr(way, "_passes", runs_away)
-    before, d = load.weights.copy(), load.d.copy()
+    before, d, farthest = load.weights.copy(), load.d.copy(), load.farthest
     assert way.solution(1, load, np.zeros(problem.operator.owned), Trace(), 1e-6) is None
     assert (places[0] != before).any() and np.array_equal(load.weights, before)
-    assert np.array_equal(load.d, d)
+    assert np.array_equal(load.d, d) and load.farthest == farthest
 
 
 @pytest.mark.filterwarnings("error")
@@ -319,16 +319,17 @@ def test_where_a_search_begins_with_newton(decided, eliminated, tried, begins):
 
 @pytest.mark.parametrize("changed", [
     {"corners": object()}, {"idle": np.arange(1)}, {"elimination": None},
-    {"elimination": SimpleNamespace(fits=False)}, {"coefficient_changes": True},
+    {"elimination": SimpleNamespace(fits=False)}, {"hardly_felt": True},
+    {"coefficient_changes": True},
     {"closes": True}, {"coefficient": np.array([0.3, 0.9])}])
 def test_where_it_is_not_possible(changed):
     """Corners choose their states, slip changes friction, surfaces yield: all these change the
     problem between iterations. Nor where there is nothing to eliminate, no room for its factors,
-    or perhaps more than one solution.
+    perhaps more than one solution, or a motion that rows resist by next to nothing.
     """
     known = {"corners": None, "idle": None, "elimination": SimpleNamespace(fits=True),
-             "coefficient_changes": False, "closes": False, "coefficient": np.array([0.3, 0.8]),
-             "of_tangential": lambda values: values}
+             "hardly_felt": False, "coefficient_changes": False, "closes": False,
+             "coefficient": np.array([0.3, 0.8]), "of_tangential": lambda values: values}
     for given, expected in ((known, True), (known | changed, False)):
         own = SimpleNamespace(**given)
         way = Shortcut(SimpleNamespace(rows=own), None, SimpleNamespace(effects=own), own)
