@@ -171,6 +171,17 @@ def test_bodies_without_support_are_condensed_with_their_motions(solved, monkeyp
     assert 0 < first.history["contraction"][-1] < 1  # of exact approximations
 
 
+def test_bodies_that_nothing_balances_are_no_solution(built, steps_of, monkeypatch):
+    """However small the residuals are."""
+    problem = built("joint", h=1.6, subdomains=3, steps=1)
+    solver, _ = steps_of(problem)
+    way, owned, trace = solver.fixed_point.shortcut, problem.operator.owned, Trace()
+    load = solver.load(1, np.zeros(problem.operator.modes), np.zeros(owned))
+    assert way.solution(1, load, np.zeros(owned), trace, 1e-6) is not None and trace.shortcut
+    monkeypatch.setattr(way.bodies, "imbalance", lambda *_: 1e-5)
+    assert way.solution(1, load, np.zeros(owned), trace, 1e-6) is None and not trace.shortcut
+
+
 def test_bodies_go_back_where_newton_does_not_settle(built, steps_of, monkeypatch):
     """The search that follows starts where the step does."""
     problem = built("joint", h=1.6, subdomains=3, steps=1)
