@@ -128,7 +128,7 @@ class Skeleton:
         """(n, 2) or (n, 3) gids of both ends, and the middle, of the edges with a label."""
         here = np.flatnonzero(self.edges[self.own_edges, 3] == label) + self.own_edges.start
         gids = self.edges[here, 1:3]
-        if len(self.middles):
+        if self._quadratic:  # also of a rank without edges
             gids = np.column_stack([gids, self.middles[here]])
         return np.unique(gather(self.comm, gids), axis=0)
 

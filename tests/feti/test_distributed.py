@@ -158,6 +158,11 @@ def test_ranks_share_out_what_one_rank_does_alone(program, exported):
             exported("joint", subdomains="9"), exported("hard/pieces"))
 
 
+def test_a_rank_without_subdomains_knows_quadratic_sides(program, exported):
+    """Whose middles it has none of, as it has no edges. It had ended the run."""
+    program(2, exported("tutorial", subdomains="1", element="P2"))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("ranks", [2, 7])
 def test_any_scene_and_number_of_ranks(program, exported, ranks):
