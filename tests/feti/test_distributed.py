@@ -160,7 +160,7 @@ def test_ranks_share_out_what_one_rank_does_alone(program, exported):
 
 def test_a_rank_without_subdomains_knows_quadratic_sides(program, exported):
     """Whose middles it has none of, as it has no edges. It had ended the run."""
-    program(2, exported("tutorial", subdomains="1", element="P2"))
+    program(3, exported("tutorial", subdomains="2", element="P2"))
 
 
 @pytest.mark.slow
