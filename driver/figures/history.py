@@ -69,7 +69,8 @@ def load_histories(run: Run) -> dict[str, dict]:
 
 
 def history(figure: Figure, run: Run) -> None:
-    """Contact forces, length in contact, work of friction; iterations of the fixed point small.
+    """Contact forces, length in contact, work of friction; iterations of the fixed point, if there
+    were some, small.
 
     Pressing forces are positive. A tangential force that is small beside them has its own panel.
     """
@@ -80,7 +81,8 @@ def history(figure: Figure, run: Run) -> None:
     largest = [np.abs(values).max() for *_, values in forces]
     together = [forces] if min(largest) > FAINT * max(largest) else [[force] for force in forces]
     heights = [3 if len(together) == 1 else 2.5] * len(together) + [2] * (1 + run.friction)
-    heights += [0.8] * run.fixed_point
+    iterations = int(table["fixed_point_iterations"].sum()) if run.fixed_point else 0
+    heights += [0.8] * (iterations > 0)
     figure.set_figheight((3.4 + 1.35 * sum(heights)) * INCH)
     panels = list(figure.subplots(len(heights), sharex=True, height_ratios=heights))
     rest, handles = iter(panels), []
@@ -89,15 +91,14 @@ def history(figure: Figure, run: Run) -> None:
     _over_time(next(rest), table, "contact_length", length_scale, run, "length in\ncontact")
     if run.friction:
         _over_time(next(rest), table, "dissipated", energy_scale, run, "work of\nfriction")
-    if run.fixed_point:
+    if iterations:
         _iterations(next(rest), table)
     for axes in panels:
         axes.grid(color="0.9", lw=0.5)
         axes.set_axisbelow(True)
     panels[-1].set_xlabel("time $t$")
     figure.align_ylabels()
-    total = int(table["fixed_point_iterations"].sum())
-    note = f"{total} iterations of the fixed point" if run.fixed_point else ""
+    note = f"{iterations} iterations of the fixed point" if iterations else ""
     run_header(figure, run, r"Forces and zones on $\Gamma_c$ over time", handles, note)
 
 

@@ -455,6 +455,19 @@ def test_history_may_start_at_step_one_and_have_empty_cells(tmp_path):
     assert len(figures.compose("history", run).axes[-1].patches) == 3
 
 
+def test_a_history_without_iterations_shows_none(tmp_path):
+    """Where Newton's method solves all steps: no empty panel, and no word about them."""
+    directory = make_run(tmp_path, steps=3, products=6)
+    drawn = figures.compose("history", figures.read_run(directory))
+    head, *rows = (directory / "history.csv").read_text().splitlines()
+    place = head.split(",").index("fixed_point_iterations")
+    rows = [[cell if k != place else "0" for k, cell in enumerate(row.split(","))] for row in rows]
+    (directory / "history.csv").write_text("\n".join([head, *map(",".join, rows)]))
+    condensed = figures.compose("history", figures.read_run(directory))
+    assert len(condensed.axes) == len(drawn.axes) - 1
+    assert "iterations" in words(drawn) and "iterations" not in words(condensed)
+
+
 def test_deformed_body_is_magnified_as_in_the_slides(run, drawn):
     figure = drawn["deformed"]
     assert "300×" in words(figure) and "[MPa]" in words(figure) and "$t = 1$" in words(figure)
