@@ -207,11 +207,12 @@ class GluingElimination:
         number = self._numbers[self._operator.structure.first + s]
         order, sign = np.argsort(self._place[number]), np.append(rows.sign, np.ones(corner))
         matrix = np.block([[c.F, -c.A], [-c.A_transposed, -c.S]]) * sign[:, None] * sign
-        pinned = np.flatnonzero(
-            np.isin(self._operator.structure.corner_global[s], self._operator.coarse.pins))
-        place = len(c.F) + pinned
-        matrix[place] = matrix[:, place] = 0.0
-        matrix[place, place] = -c.corner_stiffness[pinned]  # S may have but rounding there
+        if self._operator.modes:
+            pinned = np.flatnonzero(
+                np.isin(self._operator.structure.corner_global[s], self._operator.coarse.pins))
+            place = len(c.F) + pinned
+            matrix[place] = matrix[:, place] = 0.0
+            matrix[place, place] = -c.corner_stiffness[pinned]  # S may have but rounding there
         return matrix[np.ix_(order, order)]
 
     def _matrices(self) -> list[list[tuple]]:

@@ -15,6 +15,7 @@ import numpy as np
 from ..errors import agreed_writes
 from ..feti.gathering import by_node
 from . import checkpoint
+from .packing import Stack
 from .quasistatic import QuasistaticSolver
 from .step import Step
 from .uniqueness import Uniqueness
@@ -170,8 +171,6 @@ def _scattered(step: dict, solver: QuasistaticSolver) -> Step:
 
 def _stacked(steps: list[dict]) -> dict:
     """Steps by name of their parts: stacks of arrays, lists of everything else."""
-    from .packing import Stack  # here: where there is a checkpoint numpy's zip files are loaded
-
     return {name: (Stack if isinstance(part, np.ndarray) else list)(step[name] for step in steps)
             for name, part in steps[0].items()}
 

@@ -33,7 +33,7 @@ class Pieces:
         self.own, self.turns = np.flatnonzero(self._writer == comm.rank), self._turn.max() + 1
         self._piece = np.searchsorted(starts, first + np.arange(len(points)), side="right") - 1
         own = np.bincount(self._piece, triangles, self.count).astype(np.int64)
-        self._ends = np.cumsum(comm.allreduce(own))
+        self._ends = np.append(0, np.cumsum(comm.allreduce(own)))
 
     def received(self, turn: int, rows: np.ndarray, layout: Layout,
                  made: Callable[[int], dict]) -> dict[str, np.ndarray]:
@@ -53,6 +53,6 @@ class Pieces:
         to, parts = np.empty(0, np.int64), []
         if self.comm.rank == 0:
             here = np.flatnonzero(self._turn == turn)
-            parts = [np.split(values, self._ends[:-1])[piece] for piece in here]
+            parts = [values[self._ends[piece] : self._ends[piece + 1]] for piece in here]
             to = np.repeat(self._writer[here], [len(part) for part in parts])
         return exchange(self.comm, to, joined(parts, float))[1]
