@@ -111,13 +111,20 @@ class FreeBodies:
     def lead(self, load, x: np.ndarray, secants: Anderson) -> np.ndarray:
         """As `follow`, with Anderson acceleration: springs ignore how bodies hold one another."""
         net, _ = self.operator.imbalance(x, load.weights)
-        unit, motion = np.sqrt(self.operator.rho), load.weights[self.operator.structure.patterns :]
-        moved = unit * secants.next(motion / unit, motion / unit + unit * net)
-        return self.shift(load, moved - motion)
+        unit, motion = np.sqrt(self.operator.rho), self.place(load)
+        return self.bring(load, unit * secants.next(motion / unit, motion / unit + unit * net))
 
     def shift(self, load, change: np.ndarray) -> np.ndarray:
         """Move by `change` (modes,); d with it. Returns the change of d."""
         return load.move(self.operator.motions, change)
+
+    def place(self, load) -> np.ndarray:
+        """(modes,) how far bodies have moved, to `bring` them back to."""
+        return load.weights[self.operator.structure.patterns :].copy()
+
+    def bring(self, load, place: np.ndarray) -> np.ndarray:
+        """Move to a `place` (modes,); d with it. Returns the change of d."""
+        return self.shift(load, place - self.place(load))
 
     def imbalance(self, load, x: np.ndarray) -> float:
         """Largest spring force of the rigid motions relative to the forces on them."""

@@ -82,18 +82,18 @@ class CondensedSearch:
         """
         if self.condensation.n > globalization.CONDENSED_NODES:
             return None
-        motion = self._motion(load)
+        place = self.bodies.place(load)
         try:
             answer = self._search(index, load, x, trace, rtol)
         except Unfinished as failure:
             if not failure.final:
-                self._shift(load, motion)
+                self.bodies.bring(load, place)
             raise
         if answer is None:
-            self._shift(load, motion)
+            self.bodies.bring(load, place)
             return None
-        x, gradient, self.rows.coefficient, motion = answer
-        self._shift(load, motion)
+        x, gradient, self.rows.coefficient, place = answer
+        self.bodies.bring(load, place)
         trace.refined = self.stiff
         return x, gradient, self.rows.sliding(x, self.rows.friction_bound(x))
 
@@ -115,7 +115,7 @@ class CondensedSearch:
             settled = self._settled(load, x, apart, rtol)
             almost = settled or own > rtol and self._settled(load, x, apart, own)
             whole, missed = self._missed(x, gradient, bound)
-            state = x, gradient, coefficient, self._motion(load)
+            state = x, gradient, coefficient, self.bodies.place(load)
             if changes:  # before rows are corrected: they end on the bounds that the next pass has
                 rows.coefficient = np.maximum(secants.next(coefficient, rows.coefficient), 0.0)
             known = settled or not changes  # friction
@@ -311,15 +311,7 @@ class CondensedSearch:
             return solution
         return own
 
-    # ---- bodies and norms ------------------------------------------------------------------------
-    def _motion(self, load: Load) -> np.ndarray:
-        """(modes,) where bodies without support are."""
-        return load.weights[self.operator.structure.patterns :].copy()
-
-    def _shift(self, load: Load, motion: np.ndarray) -> None:
-        """Move bodies to `motion` (modes,)."""
-        self.bodies.shift(load, motion - self._motion(load))
-
+    # ---- norms -----------------------------------------------------------------------------------
     def norm(self, rows: np.ndarray, values: np.ndarray) -> float:
         """Euclidean norm of `values` on `rows`."""
         full = np.zeros(self.operator.owned)

@@ -38,7 +38,7 @@ class CornerStates:
                 self.fixed_point.condensation.select()
             self.index, self.others, self.none = index, None, None
             self.corners.begin_step()
-        start = x, load.weights[self.qp.operator.structure.patterns :].copy(), sliding
+        start = x, self.fixed_point.bodies.place(load), sliding
         while True:
             failure = None
             try:
@@ -74,10 +74,9 @@ class CornerStates:
         self.corners.begin_step()
         self.corners.acting = self.others.pop(0)
 
-    def _anew(self, load: Load, x, motion, sliding):
-        """The start again: multipliers x, their gradient at rigid motions (modes,), `sliding`."""
-        patterns = self.qp.operator.structure.patterns
-        self.fixed_point.bodies.shift(load, motion - load.weights[patterns:])
+    def _anew(self, load: Load, x, place, sliding):
+        """The start again: multipliers x, their gradient, bodies in their `place`, `sliding`."""
+        self.fixed_point.bodies.bring(load, place)
         return x, self.qp.operator.apply(x) - load.d, sliding
 
     def _deformation(self, load: Load, x: np.ndarray) -> np.ndarray:

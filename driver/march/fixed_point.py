@@ -56,7 +56,7 @@ class FixedPoint:
         settings, rows, coupled = self.settings, self.rows, self.coupled
         self.corrects_motion = free = self.operator.modes > 0
         secants, last, before = self.bodies.secants(), np.inf, trace.iterations
-        first, motion = x, load.weights[self.operator.structure.patterns :].copy()
+        first, place = x, self.bodies.place(load)
         products, taken, eliminates = self.operator.products, 0, self.search.stiff
         if self.shortcut.begins(load, trace, x, gradient, rtol) and (
                 found := self.shortcut.solution(index, load, x, trace, rtol)):
@@ -109,7 +109,7 @@ class FixedPoint:
                 trace.exact, trace.changes = True, []
             trace.fallback = trace.stalls or tired
         latest = self._no_further(rows.follow(x, sliding), first)
-        return self._globalise(index, load, latest, motion, trace)
+        return self._globalise(index, load, latest, place, trace)
 
     def _no_further(self, x: np.ndarray, first: np.ndarray) -> np.ndarray:
         """x, or the `first` multipliers of the step where those in x have grown beyond all bounds.
@@ -139,7 +139,7 @@ class FixedPoint:
         lose contact, and nothing would stop them. `gradient` need be right only on the contact
         rows. Where they do not settle: the best of them.
         """
-        rows, qp, aim, patterns = self.rows, self.qp, None, self.operator.structure.patterns
+        rows, qp, aim = self.rows, self.qp, None
         for _ in range(CORRECTIONS):
             limits, bound = rows.limits(self.operator.owned, x), rows.friction_bound(x)
             residual = projected_gradient(x, gradient, *limits)
@@ -159,9 +159,9 @@ class FixedPoint:
                 if not self.corrects_motion or loose <= balanced:
                     return x
                 if loose > HEADWAY * before:
-                    self.bodies.shift(load, placed[1] - load.weights[patterns:])
+                    self.bodies.bring(load, placed[1])
                     return placed[0]
-                placed = x, load.weights[patterns:].copy()
+                placed = x, self.bodies.place(load)
                 gradient, least = gradient - self.bodies.follow(load, x), np.inf
             solved, gradient = relaxation(x, gradient, limits, 0.5 * aim)
             x = rows.follow(solved, rows.sliding(solved, bound))
@@ -197,8 +197,7 @@ class FixedPoint:
     def place(self, load: Load) -> tuple[np.ndarray, np.ndarray | None]:
         """Rigid motions (modes,) and states of corners, None without corners, to come `back` to."""
         corners = self.rows.corners
-        return (load.weights[self.operator.structure.patterns :].copy(),
-                None if corners is None else corners.acting.copy())
+        return self.bodies.place(load), None if corners is None else corners.acting.copy()
 
     def back(self, load: Load, place: tuple[np.ndarray, np.ndarray | None], state: tuple) -> tuple:
         """The `state` (multipliers, gradient, ..) from before, with bodies and corners in `place`.
@@ -206,7 +205,7 @@ class FixedPoint:
         Corners stay as they are where it says nothing of them. Collective.
         """
         motion, acting = place
-        self.bodies.shift(load, motion - load.weights[self.operator.structure.patterns :])
+        self.bodies.bring(load, motion)
         self.slip.renew_coefficient(state[1])
         if acting is not None and (acting != self.rows.corners.acting).any():
             self.rows.corners.acting = acting
@@ -214,16 +213,15 @@ class FixedPoint:
         return state
 
     # ---- where they do not contract ------------------------------------------------------------
-    def _globalise(self, index: int, load: Load, x, motion: np.ndarray, trace: Trace):
+    def _globalise(self, index: int, load: Load, x, place: np.ndarray, trace: Trace):
         """The fixed point by the methods of `globalization`, in their order; see `find`.
 
-        Each starts with bodies moved by `motion` (modes,).
+        Each starts with bodies in their `place` (modes,).
         """
-        patterns = self.operator.structure.patterns
         for method in (self._accelerate, self._eliminate):
             failed = solution = None
             # those before may have left bodies far away, whose rounding hides small forces
-            self.bodies.shift(load, motion - load.weights[patterns:])
+            self.bodies.bring(load, place)
             load.forget()
             try:
                 solution = method(index, load, x, trace)
@@ -281,12 +279,12 @@ class FixedPoint:
         """
         rows, op, changes, j = self.rows, self.operator, [], len(self.rows.tangential)
         softness = op.rho if op.modes else 1.0
-        point = np.append(rows.friction_bound(x), load.weights[op.structure.patterns :] / softness)
+        point = np.append(rows.friction_bound(x), self.bodies.place(load) / softness)
         method = Anderson(lambda a, b: self.search.dot(a[:j], b[:j]) + a[j:] @ b[j:])
         while not (changes and gives_up(changes)):
             trace.iterations += 1
             bound = np.maximum(point[:j], 0.0)
-            self.bodies.shift(load, softness * point[j:] - load.weights[op.structure.patterns :])
+            self.bodies.bring(load, softness * point[j:])
             reduction = self._reduction(trace)
             result, change = self._approximate(index, trace, load.d, x, bound, reduction)
             x, sliding = result.x, rows.sliding(result.x, bound)

@@ -62,10 +62,9 @@ class Residuals:
         None if that is no solution. Bodies have moved by `motion` (modes,) in it, by default where
         they are. Forces that are all rounding settle nowhere: no step must fail for want of digits.
         """
-        first = self.operator.structure.patterns
-        away = load.weights[first:].copy()
+        away = self.bodies.place(load)
         if motion is not None:
-            self.bodies.shift(load, motion - away)
+            self.bodies.bring(load, motion)
         x0, op = np.zeros_like(x), self.operator
         nothing = x0, op.gradient(x0, load) if op.uneven else -load.d
         known, still = vars(self.scales).copy(), self.still
@@ -76,7 +75,7 @@ class Residuals:
         vars(self.scales).update(known)
         self.still = still
         if motion is not None:
-            self.bodies.shift(load, away - motion)
+            self.bodies.bring(load, away)
         return None
 
     def _size(self, x: np.ndarray) -> float:

@@ -141,13 +141,12 @@ class Shortcut:
 
     def _found(self, load: Load, x: np.ndarray, trace: Trace, rtol: float) -> tuple | None:
         """As `solution`. Raises NotConverged."""
-        patterns, found = self.qp.operator.structure.patterns, None
-        motion = load.weights[patterns:].copy()
+        place, found = self.bodies.place(load), None
         try:
             found = self._passes(load, x, trace, rtol)
         finally:
             if found is None:
-                self.bodies.shift(load, motion - load.weights[patterns:])
+                self.bodies.bring(load, place)
                 load.forget()
         return found
 

@@ -23,6 +23,14 @@ class SupportedBodies:
         """No motion, no change of d."""
         return 0.0
 
+    def place(self, load) -> np.ndarray:
+        """No motion (0,)."""
+        return np.zeros(0)
+
+    def bring(self, load, place: np.ndarray) -> float:
+        """No motion, no change of d."""
+        return 0.0
+
     def imbalance(self, load, x: np.ndarray) -> float:
         """Supports balance everything."""
         return 0.0

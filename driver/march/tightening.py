@@ -46,7 +46,7 @@ class Tightening:
         # parts of the tolerances
         self.of_qp = outlook.foresight(march.loads, index) if march.largest_friction else 1.0
         self.of_friction = self.of_qp
-        self.motion, self.first = load.weights[self.operator.structure.patterns :].copy(), None
+        self.motion, self.first = self.bodies.place(load), None
         self.best, self.answer = np.inf, None  # the worst residual over what was asked for, so far
         # answers that will do, as `_kept`: one that a finer one is looked for beyond, and one that
         # what products round off admits

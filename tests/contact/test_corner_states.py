@@ -15,6 +15,7 @@ from driver.contact.sharing import least_friction
 from driver.errors import NoSolution, NotConverged
 from driver.march.corner_states import CornerStates
 from driver.march.step import Trace, Unfinished
+from driver.march.supported import SupportedBodies
 
 
 def corner(alone=False, bilateral=(False, False), offset=(0.0, 0.0), gap=(0.0, 0.0)):
@@ -225,14 +226,14 @@ def test_other_states_are_tried_before_a_step_is_given_up(method):
         return x, gradient, sliding
 
     operator = SimpleNamespace(
-        structure=SimpleNamespace(patterns=0), apply=np.zeros_like, row_level=np.zeros(4, int),
+        apply=np.zeros_like, row_level=np.zeros(4, int),
         comm=SimpleNamespace(allgather=lambda value: [value]),
         deformation_by_level=lambda x, weights: np.zeros(1))
     fixed_point = SimpleNamespace(
         **{method: find}, rows=SimpleNamespace(corners=nodes, coefficient=None, offset=None),
         qp=SimpleNamespace(operator=operator, scale=np.ones(4), tol=1e-9,
                            scales=SimpleNamespace(displacements=np.zeros(1))),
-        bodies=SimpleNamespace(shift=lambda load, change: None),
+        bodies=SupportedBodies(),
         condensation=SimpleNamespace(select=lambda: None))
     states, load = CornerStates(fixed_point, None), SimpleNamespace(weights=np.zeros(0), d=0.0)
     solve = getattr(states, method)
@@ -259,9 +260,8 @@ def test_what_ends_with_an_undecided_corner_is_the_end_of_the_step(undecided, fi
     nodes.undecided[:], nodes.switch = undecided, lambda *_: False
     states.corners, states.index, states.others, states.none = nodes, 1, [], None
     states._deformation = lambda load, x: None
-    states.qp = SimpleNamespace(scale=None, tol=None, operator=SimpleNamespace(
-        comm=None, structure=SimpleNamespace(patterns=0)))
-    states.fixed_point = SimpleNamespace(rows=None)
+    states.qp = SimpleNamespace(scale=None, tol=None, operator=SimpleNamespace(comm=None))
+    states.fixed_point = SimpleNamespace(rows=None, bodies=SupportedBodies())
 
     def fails(index, load, x, *_):
         raise Unfinished(NotConverged("no end"), x, x, final)

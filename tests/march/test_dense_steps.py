@@ -315,7 +315,7 @@ def test_what_a_bound_of_rounding_admits_is_the_last_resort(later, taken):
         acting=np.zeros(2, int), without_friction=np.zeros(0, int))
     selected, motions, ways = [], [], []
     s.fixed_point.condensation.select = lambda: selected.append(s.rows.corners.acting)
-    s.bodies.shift = lambda load, change: motions.append(change)
+    s.bodies.bring = lambda load, place: motions.append(place)
 
     def way(name):
         def find(index, load, x, *others):
@@ -654,8 +654,8 @@ def test_the_state_without_forces(uneven):
     found.operator.uneven = uneven
     found.operator.gradient = lambda x, load: x - 2.0 * load.d
     load, tried = Load(np.ones(1), np.arange(9.0), 1.0), []
-    found.operator.structure.patterns = 1
-    found.bodies = SimpleNamespace(shift=lambda load, change: tried.append(change.copy()))
+    found.bodies = SimpleNamespace(place=lambda load: load.weights[1:].copy(),
+                                   bring=lambda load, place: tried.append(place.copy()))
     answer = {"cone": 0.0}
 
     def of(load, x, gradient):
@@ -673,7 +673,7 @@ def test_the_state_without_forces(uneven):
     load.weights = np.array([1.0, 5.0])
     tried.clear()
     assert found.free_of_forces(load, x, np.array([2.0])) is None
-    assert tried[0].tolist() == [-3.0] and tried[-1].tolist() == [3.0]
+    assert tried[0].tolist() == [2.0] and tried[-1].tolist() == [5.0]
     assert found.scales.d == 1.0 and not found.still
 
 
@@ -705,6 +705,7 @@ def test_what_has_no_free_motion_stays_where_it_is():
     bodies, surfaces = SupportedBodies(), RigidSurfaces()
     load, x, trace = Load(np.ones(1), np.ones(3), 1.0), np.ones(3), Trace()
     assert bodies.shift(load, np.zeros(0)) == bodies.imbalance(load, x) == 0.0
+    assert bodies.bring(load, bodies.place(load)) == 0.0
     assert bodies.settle(load, x, x) == 0.0 and surfaces.yielded(x) == 0.0
     assert not len(bodies.can_rest(1, load.weights)) and bodies.placed.shape == (0, 3)
     assert bodies.secants() is None and bodies.note_loose_motion(1, x) is None
