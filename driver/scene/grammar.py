@@ -152,9 +152,9 @@ def _check_end(scene: Source) -> None:
 def _check_brackets(source: Source) -> None:
     """Every bracket of what is no macro has its partner, before the end of the statement."""
     pairs, opened = {")": "(", "]": "[", "}": "{"}, []
-    for letter, number, loops in _marks(source):
+    for letter, number, holds in _marks(source):
         if letter in pairs.values():
-            opened.append((letter, number, loops))
+            opened.append((letter, number, holds))
         elif letter in pairs and (not opened or opened.pop()[0] != pairs[letter]):
             raise InputError(f"{source.path.name} line {number}: a '{letter}' too many, or the "
                              "wrong one")
@@ -166,13 +166,15 @@ def _check_brackets(source: Source) -> None:
 
 
 def _marks(source: Source):
-    """Brackets and semicolons outside of macros, the line of each, and whether it opens a loop."""
+    """Brackets and semicolons outside of macros, the line of each, and whether it opens what holds
+    semicolons: the head of a loop, or of a border of several pieces, border side(t = 0, 1; piece).
+    """
     within = set()
     for macro in definitions(source):
         within |= set(range(macro.line, macro.line + 1 + macro.content.count("\n")))
     for number, line in enumerate(source.lines, 1):
         code = "" if number in within else re.sub(r'"[^"\n]*"', "", line.split("//")[0])
-        for mark in re.finditer(r"(\bfor\s*)?([][(){};])", code):
+        for mark in re.finditer(r"(\bfor\s*|\bborder\s+\w+\s*)?([][(){};])", code):
             yield mark[2], number, bool(mark[1])
 
 

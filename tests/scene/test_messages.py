@@ -118,6 +118,22 @@ def test_quotients_that_are_meant():
         assert not script._statement_fault(code), code
 
 
+def test_semicolons_that_end_no_statement(tmp_path):
+    """Loops have them between brackets, and borders of several pieces, one of FreeFEM's own ways
+    to draw a polygon; statements do not.
+    """
+    path = tmp_path / "mine.edp"
+    for code in ("for (int i = 0; i < 4; ++i) corners[i] = 1;",
+                 "border side(t = 0, 1; i) { x = t; y = i; label = i + 1; }",
+                 "border  side (t=0, 1; i) {x = (1 - t); y = 0;}"):
+        path.write_text(f"{SCENE}\n{code}\n")
+        grammar.check(path)
+    for code in ("real a = (1.;", "border side(t = 0, 1 { x = t; y = 0; }"):
+        path.write_text(f"{SCENE}\n{code}\n")
+        with pytest.raises(InputError, match=rf"line {SCENE.count(chr(10)) + 2}: a '\(' is not"):
+            grammar.check(path)
+
+
 def test_units_that_can_be_none(tmp_path):
     """Numbers and exchanged names are refused with the line; odd names that could be meant not."""
     path = tmp_path / "mine.edp"
