@@ -222,7 +222,7 @@ def _line(scene: Path, name: str, number: int) -> str:
     """Code of a line of a file of the scene; empty if there is none."""
     for source in grammar.sources(scene):
         if source.path.name == name and 0 < number <= len(source.lines):
-            return source.lines[number - 1].split("//")[0]
+            return grammar.without_comments(source.lines[number - 1])
     return ""
 
 
@@ -274,7 +274,7 @@ def _unfinished(scene: Path, name: str, number: int) -> int:
     for macro in grammar.definitions(source):
         within |= set(range(macro.line, macro.line + 1 + macro.content.count("\n")))
     for at in range(number - 1, 0, -1):
-        code = source.lines[at - 1].split("//")[0].strip()
+        code = grammar.without_comments(source.lines[at - 1]).strip()
         if code and at not in within and not re.match(r"(END)?IFMACRO|include|load", code):
             return 0 if code.endswith((";", "}", "{", ",")) or "addBody" in code else at
     return 0
@@ -383,7 +383,7 @@ def _places(scene: Path, pattern: str) -> list[str]:
     """File and line of every line of the scene's code that a pattern is in."""
     return [f"{source.path.name} line {number}" for source in grammar.sources(scene)
             for number, line in enumerate(source.lines, 1)
-            if re.search(pattern, line.split("//")[0])]
+            if re.search(pattern, grammar.without_comments(line))]
 
 
 def _place(scene: Path, pattern: str, which: int = 0) -> str:

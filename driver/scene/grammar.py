@@ -31,6 +31,11 @@ DECLARATION = re.compile(r"(?:real|int|bool|string|complex|mesh|matrix|varf|bord
 PARAMETER = re.compile(r'\b(?:physical|whole|choice)\s*\(\s*"([^"]*)"')
 
 
+TEXT = r'"(?:[^"\\\n]|\\.)*"'
+TEXT_OR_COMMENT = re.compile(rf"({TEXT})|//[^\n]*")
+BLOCK_COMMENT = re.compile(rf"({TEXT}|//[^\n]*)|/\*.*?\*/", re.DOTALL)
+
+
 class Source(NamedTuple):
     """A file of a scene: its path, and its lines without block comments."""
 
@@ -69,8 +74,7 @@ def sources(scene: Path) -> list[Source]:
     found, remaining = [], [scene]
     while remaining:
         path = remaining.pop(0)
-        blank = re.sub(r"/\*.*?\*/", lambda comment: "\n" * comment[0].count("\n"), read(path),
-                       flags=re.DOTALL)
+        blank = BLOCK_COMMENT.sub(lambda part: part[1] or "\n" * part[0].count("\n"), read(path))
         found.append(Source(path, blank.splitlines()))
         for line in found[-1].lines:
             include = re.match(r'\s*include\s+"([^"]+)"', line)
@@ -79,6 +83,16 @@ def sources(scene: Path) -> list[Source]:
                     and not (environment.LIBRARY / include[1]).exists()):
                 remaining.append(place)
     return found
+
+
+def without_comments(code: str) -> str:
+    """FreeFEM code without what follows // outside of strings."""
+    return TEXT_OR_COMMENT.sub(lambda part: part[1] or "", code)
+
+
+def without_texts(code: str) -> str:
+    """FreeFEM code without comments and the content of strings."""
+    return TEXT_OR_COMMENT.sub(lambda part: part[1] and '""' or "", code)
 
 
 def definitions(source: Source) -> list[Definition]:
@@ -103,7 +117,7 @@ def definitions(source: Source) -> list[Definition]:
 def check(scene: Path) -> None:
     """Refuse what can be seen to be wrong. Raises InputError with the file and its line."""
     files = sources(scene)
-    if not any(line.split("//")[0].strip() for source in files for line in source.lines):
+    if not any(without_comments(line).strip() for source in files for line in source.lines):
         raise InputError(f"{scene.name} is empty: see edp/tutorial.edp for how to write a scene")
     _check_includes(files)
     _check_end(files[0])
@@ -173,17 +187,17 @@ def _marks(source: Source):
     for macro in definitions(source):
         within |= set(range(macro.line, macro.line + 1 + macro.content.count("\n")))
     for number, line in enumerate(source.lines, 1):
-        code = "" if number in within else re.sub(r'"[^"\n]*"', "", line.split("//")[0])
+        code = "" if number in within else without_texts(line)
         for mark in re.finditer(r"(\bfor\s*|\bborder\s+\w+\s*)?([][(){};])", code):
             yield mark[2], number, bool(mark[1])
 
 
 def _check_characters(source: Source) -> None:
     for number, line in enumerate(source.lines, 1):
-        if "/*" in re.sub(r'"[^"\n]*"', "", line.split("//")[0]):
+        if "/*" in without_texts(line):
             raise InputError(f"{source.path.name} line {number}: a comment begins by /* and is not "
                              "closed by */")
-        for letter in line.split("//")[0]:
+        for letter in without_comments(line):
             if not letter.isascii():
                 raise InputError(f"{source.path.name} line {number}: '{letter}' stands outside a "
                                  "comment, where FreeFEM reads plain ASCII only")
@@ -191,17 +205,17 @@ def _check_characters(source: Source) -> None:
 
 def _check_bodies(source: Source) -> None:
     arrays = {name: len(re.findall("[^,]+", items)) for line in source.lines
-              for name, items in re.findall(r"(\w+)\s*=\s*\[([^][]*)\]", line.split("//")[0])}
+              for name, items in re.findall(r"(\w+)\s*=\s*\[([^][]*)\]", without_comments(line))}
     for number, line in enumerate(source.lines, 1):
-        if literal := re.search(r"\blabel\s*=\s*(\[[^\]]*\])", line.split("//")[0]):
+        if literal := re.search(r"\blabel\s*=\s*(\[[^\]]*\])", without_comments(line)):
             raise InputError(f"{source.path.name} line {number}: FreeFEM takes labels of a mesh "
                              f"from a variable alone: int[int] sides = {literal[1]}; and  "
                              "label = sides")
-        for used in re.findall(r"\bsquare\s*\(.*\blabel\s*=\s*(\w+)", line.split("//")[0]):
+        for used in re.findall(r"\bsquare\s*\(.*\blabel\s*=\s*(\w+)", without_comments(line)):
             if used in arrays and arrays[used] != 4:
                 raise InputError(f"{source.path.name} line {number}: {used} has {arrays[used]} "
                                  "labels, but a square has four sides: bottom, right, top, left")
-        if re.search(r"(\baddBody\s*\(|=)\s*rectangle\s*\(", line.split("//")[0]):
+        if re.search(r"(\baddBody\s*\(|=)\s*rectangle\s*\(", without_comments(line)):
             raise InputError(f"{source.path.name} line {number}: rectangle(...) declares the only "
                              "body itself and is no mesh; several bodies are given by "
                              "addBody(square(n, m, [x0 + a*x, y0 + b*y]))")
@@ -234,8 +248,7 @@ def _check_circles(files: list[Source]) -> None:
     FreeFEM would put the content in without end.
     """
     macros = {macro.name: macro for source in files for macro in definitions(source)}
-    reads = {name: {word for word in re.findall(r"[A-Za-z_]\w*", re.sub(r'"[^"\n]*"', "",
-                                                                        macro.content))
+    reads = {name: {word for word in re.findall(r"[A-Za-z_]\w*", without_texts(macro.content))
                     if word in macros and word not in re.findall(r"\w+", macro.arguments or "")}
              for name, macro in macros.items()}
     for name, macro in macros.items():
@@ -253,7 +266,7 @@ def _check_circles(files: list[Source]) -> None:
 def _unbalanced(name: str, content: str) -> str:
     """Which bracket of a macro has no partner; empty if all have."""
     pairs, opened = {")": "(", "]": "[", "}": "{"}, []
-    for letter in re.sub(r'"[^"\n]*"', "", content):
+    for letter in without_texts(content):
         if letter in pairs.values():
             opened.append(letter)
         elif letter in pairs and (not opened or opened.pop() != pairs[letter]):
@@ -264,13 +277,13 @@ def _unbalanced(name: str, content: str) -> str:
 def parameters(scene: Path) -> dict[str, str]:
     """Names of the parameters that a scene reads, as it spells them, by their small letters."""
     return {name.lower(): name for source in sources(scene) for line in source.lines
-            for name in PARAMETER.findall(line.split("//")[0])}
+            for name in PARAMETER.findall(without_comments(line))}
 
 
 def _check_parameters(source: Source) -> None:
     """Names of parameters are those that a user can set on the command line."""
     for number, line in enumerate(source.lines, 1):
-        for name in PARAMETER.findall(line.split("//")[0]):
+        for name in PARAMETER.findall(without_comments(line)):
             place = f"{source.path.name} line {number}: "
             if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name):
                 raise InputError(f"{place}'{name}' cannot name a parameter: it needs letters, "
@@ -284,7 +297,7 @@ def declared(source: Source) -> list[tuple[int, str]]:
     """Global names that a file declares, each with its line."""
     found, depth = [], 0
     for number, line in enumerate(source.lines, 1):
-        code = re.sub(r'"[^"\n]*"', '""', line.split("//")[0])
+        code = without_texts(line)
         if depth == 0 and not MACRO.match(line):
             for statement in code.split(";"):
                 if declaration := DECLARATION.match(statement.strip()):

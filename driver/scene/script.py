@@ -51,7 +51,7 @@ def check_names(scene: Path) -> None:
     name FreeFEM says itself, see `taken_name`. Raises InputError.
     """
     files = grammar.sources(scene)
-    code = "\n".join(line.split("//")[0] for source in files for line in source.lines)
+    code = "\n".join(grammar.without_comments(line) for source in files for line in source.lines)
     if 'include "export.idp"' not in code:
         return
     library = "\n".join(path.read_text() for path in environment.LIBRARY.rglob("*.idp"))
@@ -92,7 +92,7 @@ def _macro_fault(name: str, code: str, library: str) -> str:
         return f"{name} needs a number: {name}1 ... {name}9"
     if name in rooms.vocabulary():
         return ""
-    if _is_word(name, library) and _is_word(name, _without_texts(library)):
+    if _is_word(name, library) and _is_word(name, grammar.without_texts(library)):
         return f"the name '{name}' is the library's own; choose another"
     if len(re.findall(rf"\b{name}\b", code)) == 1:
         return f"nothing reads the macro {name}{hint(name)}"
@@ -105,7 +105,7 @@ def check_gmsh_numbers(scene: Path) -> None:
     gmsh takes them without a word. Files that are put together from others are not judged.
     """
     files = grammar.sources(scene)
-    code = "\n".join(line.split("//")[0] for source in files for line in source.lines)
+    code = "\n".join(grammar.without_comments(line) for source in files for line in source.lines)
     named = re.findall(r"\bgmshBody\(([^,]*),", code)
     paths = [scene.parent / name.strip().strip('"') for name in named]
     if not paths or not all(path.suffix == ".geo" and path.is_file() for path in paths):
@@ -116,7 +116,7 @@ def check_gmsh_numbers(scene: Path) -> None:
     text = re.sub(r"//[^\n]*", "", text)
     for source in files:
         for number, line in enumerate(source.lines, 1):
-            for name in re.findall(r'\bgmshNumber\(\s*"(\w+)"', line.split("//")[0]):
+            for name in re.findall(r'\bgmshNumber\(\s*"(\w+)"', grammar.without_comments(line)):
                 if not _is_word(name, text):
                     known = re.findall(r"(\w+)\s*=\s*\{", text)
                     raise InputError(f"{source.path.name} line {number}: no .geo file of the scene "
@@ -131,11 +131,11 @@ def check_statements(scene: Path) -> None:
     """
     for source in grammar.sources(scene):
         for number, line in enumerate(source.lines, 1):
-            if reason := _statement_fault(_without_texts(line)):
+            if reason := _statement_fault(grammar.without_texts(line)):
                 raise InputError(f"{source.path.name} line {number}: {reason}")
     for macro in (macro for source in grammar.sources(scene)
                   for macro in grammar.definitions(source)):
-        unknown = re.search(r"\bu[12]\b", _without_texts(macro.content))
+        unknown = re.search(r"\bu[12]\b", grammar.without_texts(macro.content))
         if re.fullmatch(r"(load|bodyForce)\d", macro.name) and unknown:
             raise InputError(
                 f"{macro.path.name} line {macro.line}: {macro.name} contains {unknown[0]}, the "
@@ -169,7 +169,7 @@ def check_units(scene: Path, manifest: Manifest) -> None:
     if reason := units.fault(**manifest.units):
         line = next((f" line {number}" for source in grammar.sources(scene)
                      for number, line in enumerate(source.lines, 1)
-                     if re.search(r"\bunits\s*\(", line.split("//")[0])), "")
+                     if re.search(r"\bunits\s*\(", grammar.without_comments(line))), "")
         raise InputError(f'{scene.name}{line}: units: {reason}; such as units("mm", "MPa")')
 
 
@@ -177,7 +177,7 @@ def taken_name(scene: Path, name: str) -> str:
     """Why FreeFEM refuses a variable `name` that a scene and the library both declare."""
     for source in grammar.sources(scene):
         for number, line in enumerate(source.lines, 1):
-            if _is_word(name, line.split("//")[0]):
+            if _is_word(name, grammar.without_comments(line)):
                 return own_name(source.path, number, name)
     return f"{scene.name}: the name '{name}' is the library's own; choose another"
 
@@ -190,7 +190,7 @@ def own_name(scene: Path, line: int, name: str) -> str:
 def declared_by_library(name: str) -> bool:
     """Whether the library has a global variable, or a function, with this name."""
     for path in environment.LIBRARY.rglob("*.idp"):
-        code = _without_texts(path.read_text())
+        code = grammar.without_texts(path.read_text())
         for declarators in re.findall(DECLARATION, code, re.MULTILINE):
             if name in declared_names(declarators):
                 return True
@@ -199,12 +199,6 @@ def declared_by_library(name: str) -> bool:
 
 def _is_word(name: str, text: str) -> bool:
     return re.search(rf"\b{name}\b", text) is not None
-
-
-def _without_texts(code: str) -> str:
-    """FreeFEM code without its comments and the content of strings."""
-    code = re.sub(r'"(?:[^"\\\n]|\\.)*"', '""', code)
-    return re.sub(r"//[^\n]*", "", code)
 
 
 def hint(name: str, words=()) -> str:
@@ -238,7 +232,7 @@ def check_fixed_labels(scene: Path, manifest: Manifest) -> None:
     places = [(source.path.name, number, line) for source in grammar.sources(scene)
               for number, line in enumerate(source.lines, 1)]
     for name, number, line in places:
-        code = line.split("//")[0]
+        code = grammar.without_comments(line)
         for label in re.findall(r"\bon\(\s*(\d+)\s*,", code):
             if int(label) not in manifest.labels:
                 raise InputError(

@@ -134,6 +134,21 @@ def test_semicolons_that_end_no_statement(tmp_path):
             grammar.check(path)
 
 
+def test_strings_and_comments_are_no_code(tmp_path):
+    """Whatever they contain: brackets, each other's marks, marks of block comments."""
+    path = tmp_path / "mine.edp"
+    text = [r'string s = "a(b; \" [ // {";', 'cout << "see http://there" << F << endl;',
+            "//**** a title ****/ of one line (", "//************", 'real a = physical("a", 1.);',
+            "//***********/", "/* a bracket", "   of two lines ( ; */ real b = 2.;"]
+    path.write_text(SCENE.replace("quasistatic", "\n".join([*text, "quasistatic"])))
+    grammar.check(path)
+    script.check_names(path)
+    script.check_statements(path)
+    assert grammar.parameters(path).keys() == {"friction", "a"}
+    names = [name for _, name in grammar.declared(grammar.sources(path)[0])]
+    assert names == ["F", "s", "a", "b"]
+
+
 def test_units_that_can_be_none(tmp_path):
     """Numbers and exchanged names are refused with the line; odd names that could be meant not."""
     path = tmp_path / "mine.edp"
@@ -186,7 +201,7 @@ def test_parameters_may_have_capitals(tmp_path):
 
 def test_names_of_freefem_are_what_the_library_has_undeclared():
     """Every name of a value or function that the library reads and nowhere declares is known."""
-    code = "\n".join(script._without_texts(path.read_text())
+    code = "\n".join(grammar.without_texts(path.read_text())
                      for path in freefem.environment.LIBRARY.rglob("*.idp"))
     for name in ("x", "y", "N", "area", "hTriangle", "lenEdge", "nTonEdge", "pi", "P1dc1", "P2dc"):
         assert re.search(rf"\b{name}\b", code) and name in grammar.BUILT_IN

@@ -6,7 +6,7 @@ import pytest
 
 from driver import environment
 from driver.errors import InputError
-from driver.scene import freefem, rooms, script
+from driver.scene import freefem, grammar, rooms, script
 
 TYPES = ("int|real|bool|string|mesh|varf|matrix|ifstream|ofstream|"
          "Ci|Li|Mi|Qi|Oi|Vi|Nodal|Cellwise|PartSpace|GroupPart|Sizes")
@@ -18,7 +18,7 @@ HERE = ('include "export.idp"', 'NAME\ninclude "export.idp"')
 
 def library() -> str:
     """Code of the library but for what single scenes include, without comments and strings."""
-    return "\n".join(script._without_texts(path.read_text())
+    return "\n".join(grammar.without_texts(path.read_text())
                      for path in sorted(environment.LIBRARY.rglob("*.idp"))
                      if path.name not in ("two-discs.idp", "model-body.idp"))
 
