@@ -63,7 +63,7 @@ class FixedPoint:
             return found
         while not trace.fallback:
             trace.iterations += 1
-            start, gradient = self._start(load, x, gradient, sliding)
+            start, gradient = self._start(load, x, gradient, sliding, trace)
             bound, reduction = rows.friction_bound(start), 0.0
             if coupled or free:
                 reduction = self._reduction(trace)
@@ -104,7 +104,8 @@ class FixedPoint:
                 gradient = gradient - self.bodies.lead(load, x, secants)
             # for given gluing multipliers bodies may move too far, and back again after the next QP
             last, self.corrects_motion = loose, self.corrects_motion and loose <= HEADWAY * last
-            # by the errors of QPs left early? Solved in full they must stall again
+            # by the errors of QPs left early, or by starts that answer to the gluing forces of the
+            # iteration before? With neither they must stall again
             if trace.stalls and not trace.exact:
                 trace.exact, trace.changes = True, []
             trace.fallback = trace.stalls or tired
@@ -117,14 +118,14 @@ class FixedPoint:
         largest, qp = self.qp.largest(x), self.qp
         return x if largest <= ASTRAY * max(qp.largest(first), qp.scales.d) else first
 
-    def _start(self, load: Load, x, gradient, sliding):
+    def _start(self, load: Load, x, gradient, sliding, trace: Trace):
         """Start of the next QP, x at the friction bound of its pressures, and its gradient."""
         start, before = self.rows.follow(x, sliding), load.d.copy()
         if self.settings.corrector == "contact":
             relaxation = self.qp.accelerators.relaxation
-            if relaxation is not None:
+            if relaxation is not None and not trace.exact:
                 start = self._correct(load, start, relaxation.moved(start, x, gradient), relaxation)
-            elif self.condensation.whole and not self.rows.bound_is_given:
+            elif relaxation is None and self.condensation.whole and not self.rows.bound_is_given:
                 x, gradient = self.qp.placed(start, load.d, x, gradient)
                 return self.condensation.solution(load, x, gradient, sliding) or (x, gradient)
         if self.operator.modes:  # d has changed where bodies without support moved

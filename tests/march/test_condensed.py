@@ -10,8 +10,8 @@ import pytest
 from driver.errors import NotConverged
 from driver.march.condensation import Condensation
 from driver.march.fixed_point import FixedPoint
-from driver.march.step import Unfinished
-from driver.march.step import Load
+from driver.march.shortcut import Shortcut
+from driver.march.step import WINDOW, Load, Unfinished
 from driver.qp import complementarity
 
 STACK = """include "scene.idp"
@@ -177,3 +177,25 @@ def test_the_gradient_of_a_condensed_solution_is_that_of_the_operator(monkeypatc
     x, gradient = one.solution(SimpleNamespace(d=d), np.zeros(3), -d, np.zeros(0))
     assert not x[excluded].any() and one.operator.products == 2
     np.testing.assert_allclose(gradient, F @ x - d, atol=1e-15)
+
+
+@pytest.mark.parametrize("settles", [True, False])
+def test_starts_that_lead_in_circles_are_left_out(built, steps_of, monkeypatch, settles):
+    """Contact forces that answer to the gluing forces of the iteration before may do so for ever,
+    although friction bounds would settle from the forces of a QP. Where these settle nothing is
+    lost, and no other method is called for.
+    """
+    problem, calls = built("model", loading="monotone", subdomains=5, cells=4, steps=2), []
+    known = FixedPoint._correct  # pylint: disable=protected-access
+
+    def swings(self, load, x, gradient, relaxation):
+        calls.append(0.5 * (-1) ** len(calls))
+        x = known(self, load, x, gradient, relaxation)
+        return x if settles else x * (1.0 + calls[-1])
+
+    monkeypatch.setattr(FixedPoint, "_correct", swings)
+    monkeypatch.setattr(Shortcut, "possible", False)  # as where there is no room for elimination
+    solver, steps = steps_of(problem)
+    assert solver.failure is None and not solver.history.fallbacks.warnings()
+    assert max(steps[-1].residuals.values()) <= 1e-6
+    assert (steps[0].fixed_point_iterations > 2 * WINDOW) == (not settles)
