@@ -32,7 +32,8 @@ def test_slow_approximations_are_cut_short(solved, monkeypatch):
     """For a third of the products, to the tolerance of both; nothing has failed, so nothing is
     said.
     """
-    short = solved("tutorial", **DRAGGED)
+    monkeypatch.setattr(shortcut, "AT_ONCE", 0)
+    short = solved("tutorial", **DRAGGED, resume="no")
     monkeypatch.setattr(shortcut, "LEAST", np.inf)
     long = solved("tutorial", **DRAGGED, quiet="no")  # another key: a run of its own
     assert products(short) < 60 and products(short) < 0.4 * products(long)
@@ -56,6 +57,7 @@ def test_ranks_cut_short_alike(solved, scene, words, most):
 def test_approximations_go_on_where_newton_does_not_settle(built, steps_of, monkeypatch):
     """As if it had not been tried, but for its products; and it is tried once in a step."""
     problem, tried = built("tutorial", **DRAGGED_PROBLEM), []
+    monkeypatch.setattr(shortcut, "AT_ONCE", 0)
 
     def unsettled(*_):
         tried.append(1)
@@ -317,10 +319,11 @@ def test_loads_alone_say_what_contact_forces_have_to_undo(built, steps_of, scene
 
 @pytest.mark.parametrize("eliminated, tried, begins", [
     (False, None, False), (True, None, True), (True, False, False), (False, True, True)])
-def test_where_a_search_begins_with_newton(decided, eliminated, tried, begins):
+def test_where_a_search_begins_with_newton(decided, eliminated, tried, begins, monkeypatch):
     """After an elimination, or where the step's last search ended so; not where it failed in this
     step, nor where the start is a solution.
     """
+    monkeypatch.setattr(shortcut, "AT_ONCE", 0)
     way = decided.way
     way.condensation.eliminated, zero = eliminated, np.zeros(way.qp.operator.owned)
     trace = Trace(shortcut=tried)
