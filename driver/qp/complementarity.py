@@ -8,6 +8,7 @@ from ..environment import PLAIN_PROGRAM, silenced
 from . import pivots
 from .coulomb import BACKWARD, FORWARD, OPEN, STICK, CoulombProblem
 from .nearby import nearly_in
+from .principal_pivots import solution_within
 
 DISTINCT = 1e-6  # solutions nearer than this part of the largest multiplier are the same
 MANY = 9  # solutions after which no more are looked for
@@ -92,9 +93,12 @@ def approached_once(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | 
 
 
 def approximation(problem: CoulombProblem, z: np.ndarray, **how) -> np.ndarray | None:
-    """Solution with the friction bounds of z as given ones, by Newton's method from z, `how`."""
+    """Solution with the friction bounds of z as given ones, by Newton's method from z, `how`, or,
+    where it does not settle, by single changes of states.
+    """
     given = problem.under(problem.load, np.zeros(problem.m), offset=problem.bounds(z))
-    return newton(given, z, **how)
+    solution = newton(given, z, **how)
+    return solution_within(given, z) if solution is None else solution
 
 
 def settled(problem: CoulombProblem, start: np.ndarray, move: np.ndarray,

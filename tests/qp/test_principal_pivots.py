@@ -1,0 +1,80 @@
+"""Problems with given friction bounds, where Newton's method circles: bodies that rock."""
+
+import numpy as np
+import pytest
+
+from driver.qp import complementarity, principal_pivots
+from driver.qp.complementarity import approximation, newton
+from driver.qp.coulomb import CoulombProblem
+from driver.qp.principal_pivots import solution_within
+
+N = 30
+
+
+def rocking(seed: int, friction: float = 0.3, smooth: float = 0.0) -> CoulombProblem:
+    """A stiff flat that a soft hinge holds above an arch, `smooth` of whose nodes rub by nothing.
+
+    Nodes yield by 1e-3 each, the flat as a whole by one where it rises and by 30 where it turns,
+    and along the arch together.
+    """
+    rng = np.random.default_rng(seed)
+    along = np.sort(rng.uniform(-1.0, 1.0, N))
+    rises, turns = np.ones(N), along - 0.3 * rng.uniform(-1, 1)
+    normal = np.outer(rises, rises) + 30.0 * np.outer(turns, turns)
+    aside = 2.0 * np.ones(N) + 0.1 * turns
+    C = np.block([[normal, 0.2 * np.outer(rises, aside)],
+                  [0.2 * np.outer(aside, rises), np.outer(aside, aside)]])
+    C += np.diag(rng.uniform(1e-3, 2e-3, 2 * N))
+    over = 1.0 - 2.0 * (along - 0.2 * rng.uniform(-1, 1)) ** 2
+    load = np.concatenate([over, rng.uniform(-1, 1) * aside])
+    coefficient = np.where(rng.uniform(size=N) < smooth, 0.0, friction)
+    return CoulombProblem(C, load, coefficient, np.arange(N))
+
+
+def bounded(problem: CoulombProblem, g: np.ndarray) -> CoulombProblem:
+    """The problem under given friction bounds g (N,)."""
+    return problem.under(problem.load, np.zeros(problem.m), offset=g)
+
+
+@pytest.mark.parametrize("smooth", [0.0, 0.4, 1.0])
+@pytest.mark.parametrize("seed", range(12))
+def test_forces_are_those_of_least_energy(seed, smooth):
+    """From any start: within their bounds, and the energy falls no further by any force that may
+    still change. It is convex, so that there is no other such point.
+    """
+    problem = rocking(seed, smooth=smooth)
+    g = problem.coefficient * np.random.default_rng(seed).uniform(0.0, 1.0, N)
+    upper, lower = np.append(np.full(N, np.inf), g), np.append(np.zeros(N), -g)
+    for start in np.zeros(2 * N), np.append(np.ones(N), g), np.append(np.zeros(N), -g):
+        x = solution_within(bounded(problem, g), start)
+        slope = problem.compliance @ x - problem.load
+        assert (x >= lower).all() and (x <= upper).all()
+        rounding = 1e-10 * np.abs(problem.load).max()
+        assert (slope[x < upper] >= -rounding).all() and (slope[x > lower] <= rounding).all()
+
+
+def test_newton_circles_where_bodies_rock():
+    """In most of these; then approximations of friction bounds take what pivots find."""
+    circled = 0
+    for seed in range(12):
+        problem = rocking(seed)
+        start = np.zeros(2 * N)
+        circled += newton(bounded(problem, problem.bounds(start)), start) is None
+        z = approximation(problem, start)
+        assert bounded(problem, problem.bounds(start)).solves(z)
+        assert problem.solves(complementarity.approached(problem, start))
+    assert circled >= 6
+
+
+def test_one_row_changes_where_all_together_make_no_headway(monkeypatch):
+    """Without that the same states come again in some of these."""
+    monkeypatch.setattr(principal_pivots, "TRIES", np.inf)
+    given = [bounded(rocking(seed), np.zeros(N)) for seed in range(12)]
+    assert None in [solution_within(problem, np.zeros(2 * N)) for problem in given]
+
+
+def test_bodies_that_nothing_holds_are_left_to_others():
+    """No system of states has a solution where nothing holds a motion: None, not a number."""
+    body = CoulombProblem(np.eye(2), np.array([-1.0, -1.0]), np.zeros(0), np.zeros(0, int), False,
+                          np.ones((2, 1)), np.array([1.0]))
+    assert solution_within(body, np.zeros(3)) is None
