@@ -35,12 +35,19 @@ class Condensation:
 
     def __post_init__(self):
         self._compliance = None
+        # this rank's rows among all contact rows, and their places in its part of a dual vector
+        self._every = self._owned_of(contact_row_numbers(self.operator.structure.contact))
         self.select()
+
+    def _owned_of(self, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+        """Which of the dual rows `numbers` the rank owns, and where; how many there are."""
+        first, last = self.operator.structure.row_range
+        owned = np.flatnonzero((numbers >= first) & (numbers < last))
+        return owned, numbers[owned] - first, len(numbers)
 
     def select(self) -> None:
         """Take the rows that the present states of corners leave."""
-        structure, corners = self.operator.structure, self.rows.corners
-        contact, (first, last) = structure.contact, structure.row_range
+        contact, corners = self.operator.structure.contact, self.rows.corners
         rows = [contact.normal_row >= 0, contact.tangential_row >= 0]
         apart = np.zeros(len(contact.gid), bool)
         if corners is not None:
@@ -54,11 +61,8 @@ class Condensation:
         self._rubbing = np.isin(self.rows.tangential_node, tangential)  # of the rank's rows
         self.pair = np.searchsorted(self.nodes, tangential)
         self.n, self.m = len(self.nodes), len(tangential)
-        number = np.concatenate([contact.normal_row[self.nodes],
-                                 contact.tangential_row[tangential]])
-        # this rank's rows among the contact rows, and their places in its part of a dual vector
-        self._owned = np.flatnonzero((number >= first) & (number < last))
-        self._places = number[self._owned] - first
+        self._acts = self._owned_of(np.concatenate([contact.normal_row[self.nodes],
+                                                    contact.tangential_row[tangential]]))
         self._selected = self._law = None
 
     @property
@@ -73,14 +77,24 @@ class Condensation:
 
     def gather(self, local: np.ndarray) -> np.ndarray:
         """(n + m,) contact part of a dual vector, on every rank."""
-        part, comm = np.zeros(self.n + self.m), self.operator.comm
-        part[self._owned] = local[self._places]
+        return self._gathered(local, self._acts)
+
+    def _gathered(self, local: np.ndarray, owned: tuple) -> np.ndarray:
+        """Entries of a dual vector at the rows that are `owned`, on every rank."""
+        own, places, count = owned
+        part, comm = np.zeros(count), self.operator.comm
+        part[own] = local[places]
         return np.sum(comm.allgather(part), axis=0) if comm.size > 1 else part
 
     def place(self, x: np.ndarray, into: np.ndarray) -> np.ndarray:
-        """The dual vector `into` with its contact part replaced by x (n + m,)."""
-        moved = into.copy()
-        moved[self._places] = x[self._owned]
+        """The dual vector `into` with its contact part replaced by x (n + m,).
+
+        Rows that the states of corners exclude have no force.
+        """
+        moved, (own, places, _) = into.copy(), self._acts
+        if self.rows.corners is not None:
+            moved[self.rows.corners.excluded] = 0.0
+        moved[places] = x[own]
         return moved
 
     def fixing(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -105,9 +119,9 @@ class Condensation:
 
         As the turning of a disc that sides, which are not quite round, hold in its hole.
         """
-        motions = self._motions()
-        if motions is None or not self.size:
+        if not self.operator.modes or not self._every[2]:
             return False
+        motions = np.column_stack([self._gathered(d, self._every) for d in self.operator.motions])
         reach = np.abs(motions).max(axis=0)
         sizes = np.linalg.svd(motions / np.where(reach > 0, reach, 1.0), compute_uv=False)
         return bool(((sizes > SLIGHT) & (sizes < FAINT * sizes[0])).any())
@@ -154,12 +168,15 @@ class Condensation:
 
     @functools.cached_property
     def _responses(self) -> np.ndarray:
-        """(n + m, patterns) movements of the glued bodies by unit loads, without contact forces."""
+        """Movements (contact rows, patterns) of the glued bodies by unit loads, without contact
+        forces; of all rows, whether they act or not.
+        """
         op, products = self.operator, self.operator.products
         loads = map(op.elastic_response, np.eye(op.structure.patterns))
-        moved = [-self.gather(self.glued(d, np.zeros_like(d), -d)[1]) for d in loads]
+        moved = [-self._gathered(self.glued(d, np.zeros_like(d), -d)[1], self._every)
+                 for d in loads]
         op.products = products  # a part of the elimination, made again after an interruption
-        return np.reshape(moved, (op.structure.patterns, self.size)).T
+        return np.reshape(moved, (op.structure.patterns, self._every[2])).T
 
     def compliance(self) -> np.ndarray:
         """C (n + m, n + m), computed at the first call. Raises NotConverged."""
@@ -201,7 +218,6 @@ class Condensation:
             return None
         x = self.place(pair[0], x)
         if self.rows.corners is not None:  # what they exclude moves, too
-            x[self.rows.corners.excluded] = 0.0
             return x, self.operator.apply(x) - load.d
         return x, self.place(-pair[1], x)
 
@@ -218,7 +234,10 @@ class Condensation:
     def problem_by_loads(self, load: Load) -> CoulombProblem:
         """The same from the loads alone, to fewer digits; where there is an `elimination`."""
         weights = load.weights[: self.operator.structure.patterns]
-        return self._under(load, self.gather(load.rest) + self._responses @ weights)
+        responses = self._responses
+        if self.rows.corners is not None:
+            responses = responses[self._acting]
+        return self._under(load, self.gather(load.rest) + responses @ weights)
 
     def _under(self, load: Load, d: np.ndarray) -> CoulombProblem:
         """The condensed problem under the movements d (n + m,) that contact forces have to undo.

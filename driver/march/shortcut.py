@@ -55,7 +55,7 @@ class Shortcut:
         And it has one solution: of several Newton's method may find another one, and motions that
         rows hardly feel it would obey to the last digit (`FreeBodies.settle` does not).
         """
-        if self.rows.corners is not None or self.rows.idle is not None:
+        if self.rows.idle is not None:
             return False
         elimination = self.condensation.elimination
         if elimination is None or not elimination.fits or self.condensation.hardly_felt:
