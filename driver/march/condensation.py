@@ -249,14 +249,18 @@ class Condensation:
             self._law = CoulombProblem(self.compliance(), np.zeros(self.n + self.m),
                                        np.zeros(self.m), self.pair, self._bilateral(),
                                        self._motions())
-        coefficient, offset = np.zeros(self.m), None
-        if not rows.bound_is_given:
-            coefficient = self.of_tangential(rows.coefficient)
+        offset = None
         if rows.offset is not None:
             offset = self.of_tangential(rows.offset)
         if op.modes:
             balance = load.weights[: op.structure.patterns] @ op.rigid_work[0]
-        return self._law.under(self._opened(d), coefficient, balance, offset)
+        return self._law.under(self._opened(d), self.coefficient, balance, offset)
+
+    @property
+    def coefficient(self) -> np.ndarray:
+        """(m,) friction coefficients, zero where bounds are given."""
+        given = self.rows.bound_is_given
+        return np.zeros(self.m) if given else self.of_tangential(self.rows.coefficient)
 
     def _opened(self, movement: np.ndarray) -> np.ndarray:
         """`movement` (n + m,) with nodes that are kept apart as far open as anything moves."""

@@ -62,8 +62,7 @@ class Shortcut:
             return False
         if self.slip.effects.coefficient_changes or self.slip.effects.closes:
             return False
-        friction = self.condensation.of_tangential(self.rows.coefficient)
-        return friction.max(initial=0.0) <= DOUBTFUL_FRICTION
+        return self.condensation.coefficient.max(initial=0.0) <= DOUBTFUL_FRICTION
 
     def begins(self, load: Load, trace: Trace, x: np.ndarray, gradient: np.ndarray,
                rtol: float) -> bool:

@@ -138,6 +138,17 @@ def test_a_history_of_a_small_body_takes_few_products(solved):
     assert max(run.summary["residuals"].values()) <= 1e-9
 
 
+def test_given_friction_bounds_are_no_obstacle(solved, monkeypatch):
+    """Tresca's law: one solution whatever the bounds, in steps of a few products."""
+    words = {"cells": 6, "subdomains": 5, "steps": 4, "rtol": 1e-9}
+    monkeypatch.setattr(shortcut, "MANY_ROWS", np.inf)
+    later = solved("model-tresca", **words, quiet="no")  # another key
+    monkeypatch.setattr(shortcut, "MANY_ROWS", 1)
+    first = solved("model-tresca", **words)
+    assert first.summary["counts"]["condensed_steps"] > 0 and products(first) < products(later) / 3
+    assert np.abs(forces(first) - forces(later)).max() <= 1e-5 * np.abs(forces(later)).max()
+
+
 def test_what_has_no_contact_has_nothing_to_eliminate_for(solved, monkeypatch):
     monkeypatch.setattr(shortcut, "MANY_ROWS", 1)
     run = solved("cantilever", subdomains=5, cells=3)
@@ -382,7 +393,7 @@ def test_where_it_is_not_possible(changed):
     """
     known = {"corners": None, "idle": None, "elimination": SimpleNamespace(fits=True),
              "hardly_felt": False, "coefficient_changes": False, "closes": False,
-             "coefficient": np.array([0.3, 0.8]), "of_tangential": lambda values: values}
+             "coefficient": np.array([0.3, 0.8])}
     for given, expected in ((known, True), (known | changed, False)):
         own = SimpleNamespace(**given)
         way = Shortcut(SimpleNamespace(rows=own), None, SimpleNamespace(effects=own), own)
