@@ -60,7 +60,7 @@ class Shortcut:
         elimination = self.condensation.elimination
         if elimination is None or not elimination.fits or self.condensation.hardly_felt:
             return False
-        if self.slip.effects.coefficient_changes or self.slip.effects.closes:
+        if self.slip.effects.coefficient_changes:
             return False
         return self.condensation.coefficient.max(initial=0.0) <= DOUBTFUL_FRICTION
 
