@@ -106,10 +106,10 @@ class Condensation:
 
     @functools.cached_property
     def elimination(self) -> GluingElimination | None:
-        """That of the gluing rows; None where there are none, or stiffness jumps: pivots keep more
-        digits there.
+        """That of the gluing rows; None where there are none, or stiffness jumps by so much that
+        displacements have too few digits: pivots keep more there.
         """
-        if self.whole or self.operator.jumps:
+        if self.whole or self.operator.uneven:
             return None
         return GluingElimination(self.operator)
 

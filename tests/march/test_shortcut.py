@@ -149,6 +149,45 @@ def test_given_friction_bounds_are_no_obstacle(solved, monkeypatch):
     assert np.abs(forces(first) - forces(later)).max() <= 1e-5 * np.abs(forces(later)).max()
 
 
+RUBBER = """// a rubber block on a steel plate, pressed down and dragged
+include "scene.idp"
+real soft = physical("soft", 400.);
+addBody(square(15, 4, [30.*x - 15., 6.*y]));
+bodyMaterial("steel", 210e3, 0.3);
+int[int] sides = [14, 15, 16, 15];
+addBody(square(12, 5, [20.*x - 10., 6. + 7.*y + 0.2*(2.*x - 1.)^2*(1. - y)], label = sides));
+bodyMaterial("rubber", soft, 0.4);
+quasistatic(1.);
+macro support() on(1, u1 = 0., u2 = 0.) //
+macro contactPair() 14, 3 //
+macro friction() 0.3 //
+macro displacement1() on(16, u2 = -0.3) //
+macro amplitude1(t) min(1., 2.*t) //
+macro displacement2() on(16, u1 = 0.8) //
+macro amplitude2(t) max(0., 2.*t - 1.) //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("soft", [15e3, 400.0, 30.0])
+def test_soft_bodies_on_stiff_ones_are_condensed(solved, named_scene, monkeypatch, soft):
+    """Whose gluing rows differ in stiffness by factors of 14 to 7,000: the same forces and states
+    as approximations end in, to all rows' own tolerance.
+    """
+    path = named_scene("rubber", RUBBER)
+    words = {"soft": soft, "steps": 6, "subdomains": 7, "rtol": 1e-10, "friction_rtol": 1e-9,
+             "primal_rtol": 1e-7}
+    monkeypatch.setattr(shortcut, "MANY_ROWS", np.inf)
+    monkeypatch.setattr(shortcut, "LEAST", np.inf)
+    later = solved(path, **words, quiet="no")  # another key
+    monkeypatch.setattr(shortcut, "MANY_ROWS", 1)
+    first = solved(path, **words)
+    assert not later.summary["counts"]["condensed_steps"]
+    assert first.summary["counts"]["condensed_steps"] >= 3
+    assert products(first) < products(later) / 3
+    assert np.abs(forces(first) - forces(later)).max() <= 1e-6 * np.abs(forces(later)).max()
+
+
 @pytest.mark.parametrize("scene, words", [
     ("rough", {"subdomains": 5, "cells": 6}),
     ("worn-pad", {"subdomains": 3, "cells": 6, "steps": 4}),
@@ -419,10 +458,10 @@ def test_where_it_is_not_possible(changed):
         assert way.possible == expected
 
 
-@pytest.mark.parametrize("changed", [{"jumps": True}, {"contact_rows_only": True}])
+@pytest.mark.parametrize("changed", [{"uneven": True}, {"contact_rows_only": True}])
 def test_what_is_not_eliminated(changed):
-    """Jumps of stiffness take pivots, studies have no gluing rows."""
-    own = SimpleNamespace(**({"jumps": False, "contact_rows_only": False} | changed))
+    """Large jumps of stiffness take pivots, studies have no gluing rows."""
+    own = SimpleNamespace(**({"uneven": False, "contact_rows_only": False} | changed))
     condensation = object.__new__(Condensation)
     condensation.operator = own
     assert condensation.elimination is None

@@ -290,7 +290,7 @@ def test_refined_displacements_are_those_of_factors_but_for_rounding(built, step
 
 
 def test_loads_that_stay_leave_the_state_as_it_is(built, steps_of, named_scene):
-    """To the bit, by the one product that shows it: the error of a step is no slip of the next."""
+    """To the bit, by the two products that show it: the error of a step is no slip of the next."""
     problem = built(scene=named_scene("pushed", PUSHED), element="P2-mixed", steps=5)
     solver, steps = steps_of(problem, **TIGHT)
     assert solver.failure is None
@@ -300,7 +300,7 @@ def test_loads_that_stay_leave_the_state_as_it_is(built, steps_of, named_scene):
         np.testing.assert_array_equal(step.multipliers, first.multipliers)
         np.testing.assert_array_equal(step.status, first.status)
         assert not step.gradient[solver.rows.tangential].any()
-        assert step.products == 1 and step.fixed_point_iterations == 0
+        assert step.products <= 2 and step.fixed_point_iterations == 0
         assert max(step.residuals.values()) <= 1e-6
 
 
