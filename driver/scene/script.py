@@ -127,7 +127,7 @@ def check_statements(scene: Path) -> None:
     """Refuse terms that FreeFEM takes without effect or for others. Raises InputError.
 
     Loads with unknown displacements, conditions on no boundary or of no displacement, powers
-    spelt as in Python, and divisions of whole numbers, whose remainder FreeFEM drops.
+    spelt as in Python, choices within choices, and divisions of whole numbers, whose remainder FreeFEM drops.
     """
     for source in grammar.sources(scene):
         for number, line in enumerate(source.lines, 1):
@@ -153,6 +153,9 @@ def _statement_fault(code: str) -> str:
                 "on(4, u1 = 0., u2 = 0.)")
     if python := re.search(r"[\w)\].]\s+(and|or)\s+[\w(!]", code):
         return f"'{python[1]}' is no operator of FreeFEM: it writes {OPERATORS[python[1]]}"
+    if _chooses_twice(code):
+        return ("FreeFEM takes one ? : in an expression: put the other one in parentheses, as in "
+                "(t < 1. ? t : (t < 2. ? 1. : 2.))")
     if "**" in code:
         return "** is no operator of FreeFEM: powers are x^2"
     content = re.sub(r"^\s*macro\s+\w+\s*(\([^()]*\))?", "", code)
@@ -162,6 +165,18 @@ def _statement_fault(code: str) -> str:
             return (f"{whole[1]}/{whole[2]} divides whole numbers, which in FreeFEM is "
                     f"{over // under}: write {whole[1]}./{whole[2]}")
     return ""
+
+
+def _chooses_twice(code: str) -> bool:
+    """Whether an expression of a line has two ? : that no brackets keep apart."""
+    while True:
+        innermost = re.search(r"[([{][^][(){}]*[])}]", code)
+        part = innermost[0] if innermost else code
+        if any(each.count("?") > 1 for each in re.split("[,;]", part)):
+            return True
+        if not innermost:
+            return False
+        code = code[:innermost.start()] + code[innermost.end():]
 
 
 def check_units(scene: Path, manifest: Manifest) -> None:

@@ -103,6 +103,8 @@ def test_a_macro_that_does_not_end(said, name):
     ("on(4, u1 = 0., u2 = 0.)", "on(4)", "on(4) holds no displacement"),
     ("macro contact", "/* macro contact", "not closed by */"),
     ("friction() F", "friction() (x > 1. and y < 1. ? F : 0.)", "it writes &&"),
+    ("amplitude1(t) t", "amplitude1(t) (t < 1. ? t : t < 2. ? 1. : 0.)", "one ? : in"),
+    ("amplitude1(t) t", "amplitude1(t) (t < 1. ? t < 0.5 ? 0. : 1. : 2.)", "in parentheses, as"),
     ("2., -10.", "2.*x**2, -10.", "powers are x^2"), ("0.3 //", "3/10 //", "is 0: write 3./10"),
     ("amplitude1(t) t", "amplitude1(t) t^(1/2)", "is 0: write 1./2"),
 ])
@@ -147,6 +149,14 @@ def test_strings_and_comments_are_no_code(tmp_path):
     assert grammar.parameters(path).keys() == {"friction", "a"}
     names = [name for _, name in grammar.declared(grammar.sources(path)[0])]
     assert names == ["F", "s", "a", "b"]
+
+
+def test_choices_that_brackets_keep_apart():
+    """One in each expression, of which a line may have several."""
+    for code in ("(t < 1. ? t : (t < 2. ? 1. : 2.))", "max((t < 1. ? 1. : 2.), (t > 1. ? 3. : 4.))",
+                 "real a = t < 1. ? 1. : 2., b = 3.; real c = a > b ? a : b;",
+                 "[t < 1. ? 0. : 1., t > 1. ? 0. : 1.]", "(t < 1. ? 0. : 1.) + (t > 1. ? 0. : 1.)"):
+        assert not script._statement_fault(code), code
 
 
 def test_units_that_can_be_none(tmp_path):
