@@ -168,11 +168,14 @@ def _statement_fault(code: str) -> str:
 
 
 def _chooses_twice(code: str) -> bool:
-    """Whether an expression of a line has two ? : that no brackets keep apart."""
+    """Whether an expression of a line has two ? : that no brackets keep apart.
+
+    Some of these may be closed in another line.
+    """
     while True:
         innermost = re.search(r"[([{][^][(){}]*[])}]", code)
         part = innermost[0] if innermost else code
-        if any(each.count("?") > 1 for each in re.split("[,;]", part)):
+        if any(each.count("?") > 1 for each in re.split(r"[][(){},;]", part)):
             return True
         if not innermost:
             return False

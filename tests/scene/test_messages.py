@@ -155,7 +155,9 @@ def test_choices_that_brackets_keep_apart():
     """One in each expression, of which a line may have several."""
     for code in ("(t < 1. ? t : (t < 2. ? 1. : 2.))", "max((t < 1. ? 1. : 2.), (t > 1. ? 3. : 4.))",
                  "real a = t < 1. ? 1. : 2., b = 3.; real c = a > b ? a : b;",
-                 "[t < 1. ? 0. : 1., t > 1. ? 0. : 1.]", "(t < 1. ? 0. : 1.) + (t > 1. ? 0. : 1.)"):
+                 "[t < 1. ? 0. : 1., t > 1. ? 0. : 1.]",
+                 'macro stiff() (a == "b" ? 1.*((x - 1.) < 2.) : (a == "c" ? 1.*(y < 0.3)',
+                 ": abs(x) > 1. ? 1. : 2.))", "(t < 1. ? 0. : 1.) + (t > 1. ? 0. : 1.)"):
         assert not script._statement_fault(code), code
 
 
