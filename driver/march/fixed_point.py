@@ -123,7 +123,8 @@ class FixedPoint:
         start, before = self.rows.follow(x, sliding), load.d.copy()
         if self.settings.corrector == "contact":
             relaxation = self.qp.accelerators.relaxation
-            if relaxation is not None and not trace.exact:
+            # where rounding ends QPs early a start saves them hundreds of products
+            if relaxation is not None and (self.operator.uneven or not trace.exact):
                 start = self._correct(load, start, relaxation.moved(start, x, gradient), relaxation)
             elif relaxation is None and self.condensation.whole and not self.rows.bound_is_given:
                 x, gradient = self.qp.placed(start, load.d, x, gradient)

@@ -11,7 +11,7 @@ from driver.errors import NotConverged
 from driver.march.condensation import Condensation
 from driver.march.fixed_point import FixedPoint
 from driver.march.shortcut import Shortcut
-from driver.march.step import WINDOW, Load, Unfinished
+from driver.march.step import WINDOW, Load, Trace, Unfinished
 from driver.qp import complementarity
 
 STACK = """include "scene.idp"
@@ -200,3 +200,22 @@ def test_starts_that_lead_in_circles_are_left_out(built, steps_of, monkeypatch, 
     assert solver.failure is None and not solver.history.fallbacks.warnings()
     assert max(steps[-1].residuals.values()) <= 1e-6
     assert (steps[0].fixed_point_iterations > 2 * WINDOW) == (not settles)
+
+
+@pytest.mark.parametrize("exact, uneven, corrected", [
+    (False, False, True), (True, False, False), (True, True, True)])
+def test_what_qps_start_from(exact, uneven, corrected):
+    """Contact forces that answer to the gluing forces at hand, but not after they led in circles,
+    unless rounding ends QPs early: there they spare more than they cost.
+    """
+    one = object.__new__(FixedPoint)
+    relaxation = SimpleNamespace(moved=lambda start, x, gradient: gradient)
+    one.rows = SimpleNamespace(follow=lambda x, sliding: x)
+    one.settings = SimpleNamespace(corrector="contact")
+    one.qp = SimpleNamespace(accelerators=SimpleNamespace(relaxation=relaxation),
+                             placed=lambda start, d, x, gradient: (start, gradient))
+    one.operator = SimpleNamespace(uneven=uneven, modes=0)
+    one._correct = lambda load, start, gradient, relaxation: start + 1.0
+    start, _ = one._start(Load(np.ones(1), np.zeros(2), 1.0), np.zeros(2), np.zeros(2), None,
+                          Trace(exact=exact))
+    assert start.tolist() == [1.0 * corrected] * 2
