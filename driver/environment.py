@@ -14,6 +14,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import warnings
 from pathlib import Path
 
@@ -49,6 +50,26 @@ def version() -> str:
     """The suite's version, which stands in pyproject.toml."""
     text = (ROOT / "pyproject.toml").read_text()
     return re.search(r'^version = "([^"]+)"', text, re.MULTILINE)[1]
+
+
+@contextlib.contextmanager
+def undisturbed():
+    """Hold back interrupts, and the alarm that repeats them, until the block is done.
+
+    They reach the main thread alone: in others there is nothing to do.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    held, numbers = [], (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)
+    before = [signal.signal(number, lambda caught, _: held.append(caught)) for number in numbers]
+    try:
+        yield
+    finally:
+        for number, handler in zip(numbers, before):
+            signal.signal(number, handler)
+        for number in held:
+            signal.raise_signal(number)
 
 
 def start_petsc() -> None:

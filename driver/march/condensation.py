@@ -34,7 +34,7 @@ class Condensation:
     eliminated: bool = False
 
     def __post_init__(self):
-        self._compliance = None
+        self._compliance = self._softness = None
         # this rank's rows among all contact rows, and their places in its part of a dual vector
         self._every = self._owned_of(contact_row_numbers(self.operator.structure.contact))
         self.select()
@@ -69,6 +69,11 @@ class Condensation:
     def size(self) -> int:
         """Number of contact rows that act."""
         return self.n + self.m
+
+    @property
+    def total(self) -> int:
+        """Number of contact rows, whether they act or not."""
+        return self._every[2]
 
     @property
     def whole(self) -> bool:
@@ -119,7 +124,7 @@ class Condensation:
 
         As the turning of a disc that sides, which are not quite round, hold in its hole.
         """
-        if not self.operator.modes or not self._every[2]:
+        if not self.operator.modes or not self.total:
             return False
         motions = np.column_stack([self._gathered(d, self._every) for d in self.operator.motions])
         reach = np.abs(motions).max(axis=0)
@@ -159,6 +164,7 @@ class Condensation:
         glued = self.elimination.change(gather(op.comm, gradient))[first:last]
         forces, movement = self.gather(x), -self.gather(gradient + op.apply(glued))
         problem = self._under(load, compliance @ forces + movement)
+        movement = self._opened(movement)
         z = problem.whole(forces)
         states, signs = problem.states(z, movement), problem.signs(z)
         if problem.system(states, signs).doubtful:
@@ -176,15 +182,16 @@ class Condensation:
         moved = [-self._gathered(self.glued(d, np.zeros_like(d), -d)[1], self._every)
                  for d in loads]
         op.products = products  # a part of the elimination, made again after an interruption
-        return np.reshape(moved, (op.structure.patterns, self._every[2])).T
+        return np.reshape(moved, (op.structure.patterns, self.total)).T
 
     def compliance(self) -> np.ndarray:
         """C (n + m, n + m), computed at the first call. Raises NotConverged."""
         if self._compliance is None:
             self._compliance = (contact_compliance(self.operator) if self.elimination is None
                                 else self.elimination.compliance())
-        if self._selected is None or self.operator.softness is not None:  # which changes
-            self._selected = self._compliance
+        if self._selected is None or self.operator.softness is not self._softness:
+            self._selected, self._law = self._compliance, None
+            self._softness = self.operator.softness
             if self.operator.softness is not None:
                 every = np.zeros(self.operator.structure.dual_dofs)
                 every[slice(*self.operator.structure.row_range)] = self.operator.softness
@@ -245,8 +252,9 @@ class Condensation:
         The `load` is asked what acts on free bodies, if there are any.
         """
         op, balance, rows = self.operator, None, self.rows
-        if self._law is None or op.softness is not None:
-            self._law = CoulombProblem(self.compliance(), np.zeros(self.n + self.m),
+        compliance = self.compliance()
+        if self._law is None:
+            self._law = CoulombProblem(compliance, np.zeros(self.n + self.m),
                                        np.zeros(self.m), self.pair, self._bilateral(),
                                        self._motions())
         offset = None

@@ -106,6 +106,7 @@ class CondensedSearch:
         rows, changes = self.rows, self.slip.effects.coefficient_changes
         secants, method = Anderson(self.dot, LAW_SECANTS, 1.0), globalization.NEWTON
         headway, nearly, own = _Headway(), _Headway(), self.qp.settings.friction_rtol
+        x = self.condensation.place(self.condensation.gather(x), x)  # without what corners exclude
         x, gradient = self._glued(index, load, x, trace)
         for _ in range(PASSES):
             coefficient, bound = rows.coefficient, rows.friction_bound(x)

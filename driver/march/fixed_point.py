@@ -78,6 +78,7 @@ class FixedPoint:
             x, gradient = result.x, result.gradient
             sliding = rows.sliding(x, bound)
             if not (coupled or free):
+                self.shortcut.learn(x, self.operator.products - products)
                 return x, gradient, sliding
             loose = self.bodies.imbalance(load, x)
             trace.changes.append(max(change, loose * self._pressing(x)))

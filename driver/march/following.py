@@ -67,6 +67,7 @@ class FollowingSolver(QuasistaticSolver):
         """As without large sliding, about one geometry after the other."""
         operator, products, iterations = self.operator, self.operator.products, 0
         kept, asked, history = self._state(), self.settings, self.history
+        condensed = history.counts["condensed_steps"]
         # where all geometries so far were the first ones, so may be this one
         part = COARSER if history.counts["geometries"] > history.steps else 1.0
         about = self._moved(self.deformed, np.append(self.amplitudes[index], self.motion))
@@ -100,7 +101,8 @@ class FollowingSolver(QuasistaticSolver):
         self._finish(step, error, missed)
         step.about, step.geometries = about, geometries
         step.fixed_point_iterations, step.products = iterations, operator.products - products
-        self.history.counts["geometries"] += geometries
+        history.counts["geometries"] += geometries
+        history.counts["condensed_steps"] = min(history.counts["condensed_steps"], condensed + 1)
         self.deformed = self._deformations(step)
         self._ends(step)
         return step, error

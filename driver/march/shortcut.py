@@ -82,11 +82,11 @@ class Shortcut:
     def _comes_first(self) -> bool:
         """Whether sizes alone tell that elimination is cheaper than successive approximations."""
         condensation, operator = self.condensation, self.condensation.operator
-        few = operator.structure.dual_dofs < MANY_ROWS or not condensation.size
+        few = operator.structure.dual_dofs < MANY_ROWS or not condensation.total
         if few or operator.alike or condensation.elimination is None:
             return False
         elimination = condensation.elimination
-        newton = elimination.products(FACTORIZATIONS * condensation.size**3 / 3)
+        newton = elimination.products(FACTORIZATIONS * condensation.total**3 / 3)
         return elimination.price <= AT_ONCE and newton <= 2 * AT_ONCE
 
     def pays(self, trace: Trace, x: np.ndarray, target: float, spent: int, taken: int) -> bool:
@@ -105,6 +105,14 @@ class Shortcut:
         rate = min(max(rate, FASTEST), SLOWEST)
         to_come = spent / taken * np.log(target / changes[-1]) / np.log(rate)
         return to_come > LEAST and self.possible and to_come > self._price(x)
+
+    def learn(self, x: np.ndarray, spent: int) -> None:
+        """Steps to come begin with elimination if the one QP of this took more, `spent` products.
+
+        It has friction bounds that are given, or none, and ended in x (owned,).
+        """
+        if spent > LEAST and self.possible and spent > self._price(x):
+            self.condensation.eliminated = True
 
     def _price(self, x: np.ndarray) -> float:
         """Products in the time of the elimination, unless it is made, and of Newton's

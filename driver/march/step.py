@@ -137,7 +137,9 @@ class Trace:
     iterations: int = 0
     changes: list = field(default_factory=list)
     fallback: bool = False  # successive approximations did not contract
-    exact: bool = False  # QPs to the tolerance: multipliers answer violently to residuals
+    # QPs to the tolerance, and from the forces of the one before: multipliers answer violently to
+    # residuals, or starts of QPs led in circles
+    exact: bool = False
     shortcut: bool | None = None  # whether the condensed problem gave a solution, if it was tried
     refined: bool = False  # the latest gradient is that of refined displacements
     rated: bool = False  # `contraction` is asked for where no iterations tell it, too
@@ -145,7 +147,7 @@ class Trace:
 
     def again(self) -> None:
         """Forget that they did not contract."""
-        self.changes, self.fallback, self.exact = [], False, False
+        self.changes, self.fallback, self.exact, self.rate = [], False, False, np.nan
 
     @property
     def contraction(self) -> float:

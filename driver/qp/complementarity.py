@@ -6,9 +6,9 @@ import numpy as np
 
 from ..environment import PLAIN_PROGRAM, silenced
 from . import pivots
+from .active_set import solution_within
 from .coulomb import BACKWARD, FORWARD, OPEN, STICK, CoulombProblem
 from .nearby import nearly_in
-from .principal_pivots import solution_within
 
 DISTINCT = 1e-6  # solutions nearer than this part of the largest multiplier are the same
 MANY = 9  # solutions after which no more are looked for
@@ -84,7 +84,9 @@ def approached_once(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | 
     z = start
     for _ in range(APPROXIMATIONS):
         solution = newton(problem, z)
-        if solution is not None or not problem.coefficient.any():
+        if solution is None and not problem.coefficient.any():
+            return solution_within(problem, z)
+        if solution is not None:
             return solution
         z = approximation(problem, z)
         if z is None:
@@ -94,7 +96,7 @@ def approached_once(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | 
 
 def approximation(problem: CoulombProblem, z: np.ndarray, **how) -> np.ndarray | None:
     """Solution with the friction bounds of z as given ones, by Newton's method from z, `how`, or,
-    where it does not settle, by single changes of states.
+    where it does not settle, by a descent of the energy.
     """
     given = problem.under(problem.load, np.zeros(problem.m), offset=problem.bounds(z))
     solution = newton(given, z, **how)

@@ -86,9 +86,10 @@ def load(stage):
     """Start PETSc and import `stage`; its function. Raises InputError if a package is missing."""
     known = len(sys.modules)
     try:
-        environment.prepare_numpy()
-        environment.start_petsc()
-        run = stage()
+        with environment.undisturbed():  # packages whose import is interrupted stay there in parts
+            environment.prepare_numpy()
+            environment.start_petsc()
+            run = stage()
     except ImportError as problem:
         raise environment.package_error(problem) from None
     except ValueError as problem:

@@ -14,11 +14,11 @@ import errno
 import os
 import re
 import shutil
-import signal
 import sys
 import time
 from pathlib import Path
 
+from .. import environment
 from ..errors import Defect, InputError, NoSolution, NotConverged, file_error, write_error
 from ..march import checkpoint
 from ..text import shown
@@ -162,7 +162,7 @@ class Workspace:
         if not os.path.samestat(os.lstat(name), os.fstat(descriptor)):
             raise InputError(f"{name} has been exchanged by somebody while the run worked there: "
                              "choose OUT in a directory that others cannot write to")
-        with _undisturbed():
+        with environment.undisturbed():
             os.fchmod(descriptor, 0o777 & ~_umask())
             wanted, out = out, _free(out)
             if out == self.out and _identity(out) != self._before:
@@ -316,20 +316,6 @@ def _ended(path: Path) -> bool:
                 return True
             time.sleep(0.05)
     return False
-
-
-@contextlib.contextmanager
-def _undisturbed():
-    """Hold back interrupts, and the alarm that repeats them, until the block is done."""
-    held, numbers = [], (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)
-    before = [signal.signal(number, lambda caught, _: held.append(caught)) for number in numbers]
-    try:
-        yield
-    finally:
-        for number, handler in zip(numbers, before):
-            signal.signal(number, handler)
-        for number in held:
-            signal.raise_signal(number)
 
 
 def _exchange(first: Path, second: Path) -> bool:

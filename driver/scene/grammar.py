@@ -31,9 +31,11 @@ DECLARATION = re.compile(r"(?:real|int|bool|string|complex|mesh|matrix|varf|bord
 PARAMETER = re.compile(r'\b(?:physical|whole|choice)\s*\(\s*"([^"]*)"')
 
 
-TEXT = r'"(?:[^"\\\n]|\\.)*"'
+# strings, which may go on in the next line; of the patterns beside them what the group has stays
+TEXT = r'"(?:[^"\\\n]|\\(?:.|\n))*"'
 TEXT_OR_COMMENT = re.compile(rf"({TEXT})|//[^\n]*")
 BLOCK_COMMENT = re.compile(rf"({TEXT}|//[^\n]*)|/\*.*?\*/", re.DOTALL)
+NESTED = re.compile(r"\([^()]*\)|\[[^][]*\]")
 
 
 class Source(NamedTuple):
@@ -92,7 +94,8 @@ def without_comments(code: str) -> str:
 
 def without_texts(code: str) -> str:
     """FreeFEM code without comments and the content of strings."""
-    return TEXT_OR_COMMENT.sub(lambda part: part[1] and '""' or "", code)
+    return TEXT_OR_COMMENT.sub(
+        lambda part: part[1] and '""' + "\n" * part[1].count("\n") or "", code)
 
 
 def definitions(source: Source) -> list[Definition]:
@@ -186,10 +189,12 @@ def _marks(source: Source):
     within = set()
     for macro in definitions(source):
         within |= set(range(macro.line, macro.line + 1 + macro.content.count("\n")))
-    for number, line in enumerate(source.lines, 1):
-        code = "" if number in within else without_texts(line)
-        for mark in re.finditer(r"(\bfor\s*|\bborder\s+\w+\s*)?([][(){};])", code):
-            yield mark[2], number, bool(mark[1])
+    code = without_texts("\n".join("" if number in within else line
+                                   for number, line in enumerate(source.lines, 1)))
+    number, counted = 1, 0
+    for mark in re.finditer(r"(\bfor\s*|\bborder\s+\w+\s*)?([][(){};])", code):
+        number, counted = number + code.count("\n", counted, mark.start(2)), mark.start(2)
+        yield mark[2], number, bool(mark[1])
 
 
 def _check_characters(source: Source) -> None:
@@ -299,16 +304,21 @@ def declared(source: Source) -> list[tuple[int, str]]:
     for number, line in enumerate(source.lines, 1):
         code = without_texts(line)
         if depth == 0 and not MACRO.match(line):
-            for statement in code.split(";"):
+            for statement in _without_nested(code).split(";"):
                 if declaration := DECLARATION.match(statement.strip()):
                     found += [(number, name) for name in declared_names(declaration[1])]
         depth = max(0, depth + code.count("{") - code.count("}"))
     return found
 
 
+def _without_nested(code: str) -> str:
+    """Code without parentheses and square brackets that it closes, and what they contain."""
+    while NESTED.search(code):
+        code = NESTED.sub("", code)
+    return code
+
+
 def declared_names(declarators: str) -> list[str]:
     """Names that a declaration gives after its type: a and d of `a = f(b, c), d(1)`."""
-    nested = re.compile(r"\([^()]*\)|\[[^][]*\]")
-    while nested.search(declarators):
-        declarators = nested.sub("", declarators)
+    declarators = _without_nested(declarators)
     return re.findall(r"(?:^|,)\s*&?\s*(\w+)", declarators)

@@ -127,7 +127,8 @@ def check_statements(scene: Path) -> None:
     """Refuse terms that FreeFEM takes without effect or for others. Raises InputError.
 
     Loads with unknown displacements, conditions on no boundary or of no displacement, powers
-    spelt as in Python, choices within choices, and divisions of whole numbers, whose remainder FreeFEM drops.
+    spelt as in Python, choices within choices, and divisions of whole numbers, whose remainder
+    FreeFEM drops.
     """
     for source in grammar.sources(scene):
         for number, line in enumerate(source.lines, 1):

@@ -7,9 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from driver.contact.corner_nodes import FIRST, SECOND
 from driver.errors import NotConverged
 from driver.march import globalization, shortcut
 from driver.march.condensation import Condensation
+from driver.march.corner_states import CornerStates
 from driver.march.shortcut import Shortcut
 from driver.march.step import History, Trace
 from driver.qp import coulomb
@@ -327,6 +329,51 @@ def test_a_price_above_what_is_to_come_does_not_pay(decided, monkeypatch):
     assert decided(halved, 10)
 
 
+def test_one_long_qp_is_enough_to_learn_from(decided, monkeypatch):
+    """Where friction bounds are given a step has one QP, after which nothing can pay any more."""
+    way = decided.way
+    x = np.zeros(way.qp.operator.owned)
+    monkeypatch.setattr(Shortcut, "_price", lambda *_: 150.0)
+    for spent, learned in ((140, False), (shortcut.LEAST, False), (151, True)):
+        monkeypatch.setattr(way.condensation, "eliminated", False)
+        way.learn(x, spent)
+        assert way.condensation.eliminated == learned
+    monkeypatch.setattr(Shortcut, "possible", False)
+    monkeypatch.setattr(way.condensation, "eliminated", False)
+    way.learn(x, 10_000)
+    assert not way.condensation.eliminated
+
+
+def test_another_problem_has_a_rate_of_its_own():
+    """As that of other states of corners, or of another tangent."""
+    trace = Trace(shortcut=True, rate=0.25)
+    trace.again()
+    assert np.isnan(trace.contraction) and trace.shortcut
+
+
+def test_what_corners_exclude_has_no_force(built, steps_of, named_scene, monkeypatch):
+    """Whatever it had in the states before: a vertex that both sides hold is left to one."""
+    problem, checked = built(named_scene("corner", CORNER), subdomains=5, cells=8, steps=2), []
+    known = CornerStates._settled
+
+    def settled(self, solve, index, load, *start):
+        result = known(self, solve, index, load, *start)
+        fixed_point, acting = self.fixed_point, self.corners.acting.copy()
+        for state in (FIRST, SECOND):
+            self.corners.acting = np.array([state])
+            fixed_point.condensation.select()
+            held = np.abs(result[0][self.corners.excluded]).max()
+            x, *_ = fixed_point.condensed(index, load, *result, Trace(), 1e-6)
+            checked.append((held, np.abs(x[self.corners.excluded]).max()))
+        self.corners.acting = acting
+        fixed_point.condensation.select()
+        return result
+
+    monkeypatch.setattr(CornerStates, "_settled", settled)
+    steps_of(problem, uniqueness="no")
+    assert max(held for held, _ in checked) > 0 and max(left for _, left in checked) == 0
+
+
 def test_the_price_counts_free_rows(built, steps_of):
     """Pressing nodes and, of friction below its bound, tangential rows: cubes of their number."""
     solver, (step, *_) = steps_of(built("tutorial", **DRAGGED_PROBLEM))
@@ -449,7 +496,7 @@ def test_where_it_is_not_possible(changed):
     nothing to eliminate, no room for its factors, perhaps more than one solution, or a motion that
     rows resist by next to nothing.
     """
-    known = {"corners": None, "idle": None, "elimination": SimpleNamespace(fits=True),
+    known = {"idle": None, "elimination": SimpleNamespace(fits=True),
              "hardly_felt": False, "coefficient_changes": False,
              "coefficient": np.array([0.3, 0.8])}
     for given, expected in ((known, True), (known | changed, False)):

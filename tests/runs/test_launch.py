@@ -2,8 +2,10 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
+import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -92,3 +94,32 @@ def test_numpy_asks_for_no_huge_pages():
                           env={name: value for name, value in os.environ.items()
                                if name != "NUMPY_MADVISE_HUGEPAGE"})
     assert done.stdout == "False\n", done.stderr
+
+
+def test_packages_are_loaded_whole(monkeypatch):
+    """An interrupt waits for the end of their imports, which could go on with parts of them."""
+    monkeypatch.setattr(environment, "prepare_numpy", lambda: None)
+    monkeypatch.setattr(environment, "start_petsc", lambda: None)
+    loaded = []
+
+    def stage():
+        signal.raise_signal(signal.SIGINT)
+        loaded.append(True)
+
+    with pytest.raises(KeyboardInterrupt):
+        launch.load(stage)
+    assert loaded and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_threads_hold_nothing_back():
+    """Only the main one is interrupted; a program may run scenes in others."""
+    ran = []
+
+    def work():
+        with environment.undisturbed():
+            ran.append(True)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert ran

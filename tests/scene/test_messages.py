@@ -127,9 +127,15 @@ def test_semicolons_that_end_no_statement(tmp_path):
     path = tmp_path / "mine.edp"
     for code in ("for (int i = 0; i < 4; ++i) corners[i] = 1;",
                  "border side(t = 0, 1; i) { x = t; y = i; label = i + 1; }",
-                 "border  side (t=0, 1; i) {x = (1 - t); y = 0;}"):
-        path.write_text(f"{SCENE}\n{code}\n")
+                 "border  side (t=0, 1; i) {x = (1 - t); y = 0;}",
+                 "border side(t = 0, pi; i) { x = cos(t); y = i; }",
+                 "border side(t = 0, max(1., 2.)*F; i) { x = t; y = i; }",
+                 "border side\n(t = 0, 1;\n i) { x = t; y = i; }",
+                 "for\n  (int i = 0; i < 4; ++i) corners[i] = 1;",
+                 'string s = "a ( \\\n b [";'):
+        path.write_text(SCENE.replace("quasistatic", f"{code}\nquasistatic"))
         grammar.check(path)
+        script.check_names(path)
     for code in ("real a = (1.;", "border side(t = 0, 1 { x = t; y = 0; }"):
         path.write_text(f"{SCENE}\n{code}\n")
         with pytest.raises(InputError, match=rf"line {SCENE.count(chr(10)) + 2}: a '\(' is not"):

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from driver.qp import complementarity, principal_pivots
+from driver.qp import active_set, complementarity
+from driver.qp.active_set import _Descent, solution_within
 from driver.qp.complementarity import approximation, newton
 from driver.qp.coulomb import CoulombProblem
-from driver.qp.principal_pivots import solution_within
+from driver.qp.one_solution import only_solution
 
 N = 30
 
@@ -54,27 +55,45 @@ def test_forces_are_those_of_least_energy(seed, smooth):
 
 
 def test_newton_circles_where_bodies_rock():
-    """In most of these; then approximations of friction bounds take what pivots find."""
+    """In most of these; then a descent finds what the approximations of friction ask for."""
     circled = 0
     for seed in range(12):
         problem = rocking(seed)
         start = np.zeros(2 * N)
-        circled += newton(bounded(problem, problem.bounds(start)), start) is None
-        z = approximation(problem, start)
-        assert bounded(problem, problem.bounds(start)).solves(z)
+        given = bounded(problem, problem.bounds(start))
+        circled += newton(given, start) is None
+        assert given.solves(approximation(problem, start))
         assert problem.solves(complementarity.approached(problem, start))
+        assert given.solves(only_solution(given, start))  # of a scene with given bounds
     assert circled >= 6
 
 
-def test_one_row_changes_where_all_together_make_no_headway(monkeypatch):
-    """Without that the same states come again in some of these."""
-    monkeypatch.setattr(principal_pivots, "TRIES", np.inf)
-    given = [bounded(rocking(seed), np.zeros(N)) for seed in range(12)]
-    assert None in [solution_within(problem, np.zeros(2 * N)) for problem in given]
+@pytest.mark.parametrize("alone", [False, True])
+def test_every_step_lowers_the_energy(monkeypatch, alone):
+    """Whether rows are let go all together or, as where these come back, one at a time."""
+    if alone:
+        monkeypatch.setattr(_Descent, "_pushed", _Descent._at_bounds)
+    for seed in range(12):
+        descent = _Descent(bounded(rocking(seed), np.full(N, 0.1)), np.zeros(2 * N))
+        energies, move = [descent.energy], descent._move
+
+        def moved(x, move=move, energies=energies, descent=descent):
+            move(x)
+            energies.append(descent.energy)
+
+        descent._move = moved
+        assert descent.problem.solves(descent.end())
+        assert len(energies) > 2
+        assert (np.diff(energies) <= 1e-12 * abs(energies[-1])).all()
 
 
-def test_bodies_that_nothing_holds_are_left_to_others():
-    """No system of states has a solution where nothing holds a motion: None, not a number."""
-    body = CoulombProblem(np.eye(2), np.array([-1.0, -1.0]), np.zeros(0), np.zeros(0, int), False,
+def test_a_descent_that_takes_too_long_ends(monkeypatch):
+    monkeypatch.setattr(active_set, "CHANGES", 0.02)  # one change
+    assert solution_within(bounded(rocking(0), np.full(N, 0.1)), np.zeros(2 * N)) is None
+
+
+def test_bodies_without_support_have_no_least_energy():
+    """A block that its load moves off: None, not a number."""
+    body = CoulombProblem(np.eye(2), np.array([1.0, 1.0]), np.zeros(0), np.zeros(0, int), False,
                           np.ones((2, 1)), np.array([1.0]))
     assert solution_within(body, np.zeros(3)) is None

@@ -1,0 +1,120 @@
+"""Contact under given friction bounds: forces within bounds that minimize a convex energy.
+
+Of such a problem Newton's method changes all rows at once that the present states leave out of
+their bounds or moving the wrong way, and may come back to the same states for ever: a body that
+rocks opens where it has closed. Here every step lowers the energy: the primal active set method (J.
+Nocedal, S. Wright, Numerical Optimization, 2nd ed., 16.5). The energy falls on the way to the least
+one of the rows that no bound holds, each of which is held from where it meets its own; then the row
+that gives way most is let go, at the beginning all that do. So no states come twice.
+"""
+
+import numpy as np
+
+from .coulomb import BACKWARD, FORWARD, OPEN, STICK, CoulombProblem
+from .nearby import nearly_in
+
+CHANGES = 3  # of states, for each row; bars that rock took half as many
+
+
+def solution_within(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
+    """z of a `problem` whose friction bounds are given, from `start` z.
+
+    None for bodies without support, whose energy has no least value, and where rounding ends it.
+    """
+    return None if problem.k else _Descent(problem, start).end()
+
+
+class _Descent:
+    """Forces x (n + m,) within their bounds, `slope` of the energy there, rows that are `held`."""
+
+    def __init__(self, problem: CoulombProblem, start: np.ndarray):
+        self.problem, n = problem, problem.n
+        bound = np.zeros(problem.m) if problem.offset is None else problem.offset
+        self.lower = np.append(np.where(problem.bilateral, -np.inf, 0.0), -bound)
+        self.upper = np.append(np.full(n, np.inf), bound)
+        self.left = CHANGES * problem.rows
+        self._move(self._cut(start[: problem.rows]))
+
+    def end(self) -> np.ndarray | None:
+        """The solution, exactly in its states, or None."""
+        self._lower(self._pushed())
+        while self.left > 0:
+            if self.problem.solves(self.x):
+                exact = self.problem.solution_in(self._states(self._pushed()), self._signs)
+                return exact if self.problem.solves(exact) else self.x
+            held, gives = self._but_one()
+            # what rounding hides of the energy a row that gives way still tells
+            if not (self._lower(held) or gives):
+                return None
+        return None
+
+    # ---- steps -----------------------------------------------------------------------------------
+    def _lower(self, held: np.ndarray) -> bool:
+        """Go to the least energy of rows that are not `held`; whether it falls.
+
+        Each of them is held from where it meets a bound; at once if it would leave that.
+        """
+        held, before = held.copy(), self.energy
+        while self.left > 0:
+            y = self._least(held)
+            if y is None:
+                return False
+            way = y - self.x
+            with np.errstate(divide="ignore", invalid="ignore"):
+                room = np.where(way < 0, self.lower - self.x, self.upper - self.x) / way
+            room[held | (way == 0)] = np.inf
+            first = int(room.argmin())
+            if room[first] >= 1:
+                self._move(self._cut(y))
+                return self.energy < before
+            x = self._cut(self.x + max(room[first], 0.0) * way)
+            x[first] = self.lower[first] if way[first] < 0 else self.upper[first]
+            held[first] = True
+            self._move(x)
+        return False
+
+    def _but_one(self) -> tuple[np.ndarray, bool]:
+        """(n + m,) rows at bounds but that which gives way most, if one does, and whether."""
+        held = self._at_bounds()
+        push = np.where(held & (self.lower < self.upper), self._outward(), np.inf)
+        row, gives = int(push.argmin()), bool(push.min() < 0)
+        held[row] = held[row] and not gives
+        return held, gives
+
+    def _move(self, x: np.ndarray) -> None:
+        self.x, self.slope = x, self.problem.compliance @ x - self.problem.load
+        self.energy = 0.5 * float(x @ (self.slope - self.problem.load))
+
+    # ---- states ----------------------------------------------------------------------------------
+    @property
+    def _signs(self) -> np.ndarray:
+        return np.ones(self.problem.n)
+
+    def _cut(self, x: np.ndarray) -> np.ndarray:
+        return np.minimum(np.maximum(x, self.lower), self.upper)
+
+    def _at_bounds(self) -> np.ndarray:
+        return (self.x <= self.lower) | (self.x >= self.upper)
+
+    def _outward(self) -> np.ndarray:
+        """(n + m,) by how much movements push on bounds, as forces; less than zero: give way."""
+        push = self.problem.rigidity * self.slope
+        return np.where(self.x <= self.lower, push, -push)
+
+    def _pushed(self) -> np.ndarray:
+        """(n + m,) rows that stay at their bounds."""
+        return self._at_bounds() & ((self._outward() > 0) | (self.lower == self.upper))
+
+    def _states(self, held: np.ndarray) -> np.ndarray:
+        """(n,) states in which the rows `held` (n + m,) have the forces of their bounds."""
+        n = self.problem.n
+        over = self.x[n:] >= self.upper[n:]
+        sliding = np.where(held[n:], np.where(over, FORWARD, BACKWARD), STICK)
+        return self.problem.joined(np.where(held[:n], OPEN, STICK), sliding)
+
+    def _least(self, held: np.ndarray) -> np.ndarray | None:
+        """Forces of least energy with the rows `held` at their bounds; None if rounding has none.
+        """
+        self.left -= 1
+        z = nearly_in(self.problem, self._states(held), self._signs)
+        return None if z is None else z[: self.problem.rows]
