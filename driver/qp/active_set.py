@@ -14,6 +14,7 @@ from .coulomb import BACKWARD, FORWARD, OPEN, STICK, CoulombProblem
 from .nearby import nearly_in
 
 CHANGES = 3  # of states, for each row; bars that rock took half as many
+WORK = 4e9  # multiplications that all changes may take, each rows squared: seconds
 
 
 def solution_within(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
@@ -32,7 +33,7 @@ class _Descent:
         bound = np.zeros(problem.m) if problem.offset is None else problem.offset
         self.lower = np.append(np.where(problem.bilateral, -np.inf, 0.0), -bound)
         self.upper = np.append(np.full(n, np.inf), bound)
-        self.left = CHANGES * problem.rows
+        self.left = min(CHANGES * problem.rows, WORK // max(problem.rows, 1) ** 2)
         self._move(self._cut(start[: problem.rows]))
 
     def end(self) -> np.ndarray | None:
