@@ -219,3 +219,21 @@ def test_what_qps_start_from(exact, uneven, corrected):
     start, _ = one._start(Load(np.ones(1), np.zeros(2), 1.0), np.zeros(2), np.zeros(2), None,
                           Trace(exact=exact))
     assert start.tolist() == [1.0 * corrected] * 2
+
+
+def test_missing_forces_leave_nodes_apart(monkeypatch):
+    """Of a corner that is open on both sides and rubs: no rounding of its movement closes it."""
+    one, moved = object.__new__(Condensation), []
+    one.n, one.m, one.apart, one.rows = 1, 1, np.array([0]), SimpleNamespace(corners=None)
+    one.operator = SimpleNamespace(structure=SimpleNamespace(row_range=(0, 2)), owned=2,
+                                   comm=SimpleNamespace(allgather=lambda part: [part], size=1),
+                                   apply=np.zeros_like)
+    vars(one)["elimination"] = SimpleNamespace(change=np.zeros_like)
+    problem = SimpleNamespace(whole=lambda x: x, signs=lambda z: None,
+                              states=lambda z, movement: moved.extend(movement.tolist()),
+                              system=lambda *_: SimpleNamespace(doubtful=True))
+    monkeypatch.setattr(Condensation, "compliance", lambda self: np.eye(2))
+    monkeypatch.setattr(Condensation, "gather", lambda self, x: x.copy())
+    monkeypatch.setattr(Condensation, "_under", lambda self, load, d: problem)
+    assert one.correction(None, np.zeros(2), np.array([-1e-17, 0.5])) is None
+    assert moved == [-0.5, -0.5]

@@ -329,6 +329,13 @@ def test_a_price_above_what_is_to_come_does_not_pay(decided, monkeypatch):
     assert decided(halved, 10)
 
 
+def test_steps_of_large_sliding_count_once(solved, monkeypatch):
+    """However many geometries each is solved about."""
+    monkeypatch.setattr(shortcut, "MANY_ROWS", 1)
+    counts = solved("latch", h=0.6, steps=6).summary["counts"]
+    assert 0 < counts["condensed_steps"] <= 6 < counts["geometries"]
+
+
 def test_one_long_qp_is_enough_to_learn_from(decided, monkeypatch):
     """Where friction bounds are given a step has one QP, after which nothing can pay any more."""
     way = decided.way
