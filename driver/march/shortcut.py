@@ -53,9 +53,12 @@ class Shortcut:
         """Whether the problem is the same one in all iterations and there is room to condense it.
 
         And it has one solution: of several Newton's method may find another one, and motions that
-        rows hardly feel it would obey to the last digit (`FreeBodies.settle` does not).
+        rows hardly feel it would obey to the last digit (`FreeBodies.settle` does not). Where
+        friction needs no pressure the state of a corner says where it acts, and a body that moves
+        freely could be anywhere: it is to move as little as it may.
         """
-        if self.rows.idle is not None:
+        moves = self.rows.corners is not None and self.qp.operator.modes > 0
+        if self.rows.idle is not None or moves and self.rows.offset is not None:
             return False
         elimination = self.condensation.elimination
         if elimination is None or not elimination.fits or self.condensation.hardly_felt:
