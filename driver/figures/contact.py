@@ -87,9 +87,10 @@ def contact_panels(figure: Figure, run: Run, caption: str, panels: tuple) -> Non
     handles = {}
     for (_, rows), (above, below) in zip(shown, panel_grid(figure, shown, 2, 11)):
         rows["theory"] = theory.curves(run, rows)
+        curves = in_parts(rows)
         for axes, draw, scale in ((above, panels[0], stress), (below, panels[1], length)):
             shade_zones(axes, rows, arc.factor)
-            lines = draw(axes, rows, rows["arc"] * arc.factor, scale)
+            lines = draw(axes, curves, curves["arc"] * arc.factor, scale)
             handles.update({line.get_label(): line for line in lines})
             axes.axhline(0, color="0.45", lw=0.5, zorder=1)
             axes.locator_params(axis="y", nbins=6)
@@ -100,6 +101,23 @@ def contact_panels(figure: Figure, run: Run, caption: str, panels: tuple) -> Non
     status = np.concatenate([rows["status"] for _, rows in shown])
     run_header(figure, run, caption + run.at(final_time(run)),
                [*handles.values(), *zone_handles(run, status, pale)], panels_note(boundaries))
+
+
+def in_parts(rows: dict) -> dict:
+    """Rows with NaN, which curves leave out, between parts of a boundary that do not meet.
+
+    Nodes that share an edge are no farther apart than their dual segments are long.
+    """
+    length = rows["length"]
+    gaps = np.flatnonzero(np.diff(rows["arc"]) > 1.01 * (length[:-1] + length[1:])) + 1
+
+    def parted(values: np.ndarray) -> np.ndarray:
+        return np.insert(values, gaps, np.nan if values.dtype == float else values[gaps])
+
+    theory_of = {name: (label, parted(values))
+                 for name, (label, values) in rows["theory"].items()}
+    return {name: parted(values) for name, values in rows.items() if name != "theory"} | {
+        "theory": theory_of}
 
 
 def normal_stress(axes, rows: dict, arc: np.ndarray, scale: Scale) -> list:
@@ -122,7 +140,8 @@ def normal_displacement(axes, rows: dict, arc: np.ndarray, scale: Scale) -> list
     """u_n and the gap over arc; a gap far beyond u_n is cut rather than flattening u_n."""
     u, gap = rows["u_n"] * scale.factor, rows["gap"] * scale.factor
     closed = rows["status"] != "open"
-    matter = np.concatenate([u, gap[closed] if closed.any() else [gap.min()]])
+    matter = np.concatenate([u, gap[closed] if closed.any() else [np.nanmin(gap)]])
+    matter = matter[np.isfinite(matter)]
     margin = 0.08 * (np.ptp(matter) or 1.0)
     axes.set_ylim(matter.min() - margin, matter.max() + margin)
     axes.set_ylabel(rf"$u_n$ [{scale.label}]")

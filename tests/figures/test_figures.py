@@ -965,3 +965,20 @@ def test_the_manufactured_pressure_of_zones():
     rows = {"x": x, "sigma_n": true, "weight": np.r_[0.05, np.full(19, 0.1), 0.05]}
     assert theory.parabola(rows) == pytest.approx(true, abs=1e-12)
     assert theory.NORMAL["zones"][1] is theory.parabola
+
+
+def test_parts_of_a_boundary_that_do_not_meet_are_no_curve():
+    """Two ends of a plate with one label: nothing is drawn between them, nodes that share a corner
+    stay together.
+    """
+    rows = {"arc": np.array([0.0, 1.0, 2.0, 2.0, 7.0, 7.5]),
+            "length": np.array([0.5, 1.0, 0.5, 0.25, 0.25, 0.25]),
+            "status": np.array(["open", "slip", "slip", "open", "open", "slip"]),
+            "u_n": np.arange(6.0),
+            "theory": {"sigma_n": ("exact", np.arange(6.0))}}
+    parts = contact.in_parts(rows)
+    np.testing.assert_array_equal(parts["u_n"], [0, 1, 2, 3, np.nan, 4, 5])
+    np.testing.assert_array_equal(parts["theory"]["sigma_n"][1], parts["u_n"])
+    assert parts["status"].tolist()[4:] == ["open", "open", "slip"]
+    whole = {name: values[:3] for name, values in rows.items() if name != "theory"} | {"theory": {}}
+    assert contact.in_parts(whole)["arc"].tolist() == [0.0, 1.0, 2.0]
