@@ -13,8 +13,11 @@ def contraction(problem: CoulombProblem, z: np.ndarray, rounds: int) -> float:
     A change of the forces of sliding nodes moves pressures with sticking nodes held and open ones
     open, these the forces again by their slope: the iteration is linear, and starts in proportion
     to the forces; bodies without support move until these balance. NaN where nothing slides, so
-    that no bound counts, where it ends at once, or where what is held does not hold all bodies.
+    that no bound counts, or all bounds are given, where it ends at once, and where what is held
+    does not hold all bodies or holds a vertex twice.
     """
+    if not problem.coefficient.any():
+        return np.nan
     equations = Equations(problem, problem.states(z), problem.signs(z))
     held, slides = np.flatnonzero(equations.still), np.flatnonzero(equations.slides)
     if not len(slides):
@@ -36,11 +39,14 @@ def contraction(problem: CoulombProblem, z: np.ndarray, rounds: int) -> float:
 def _held(problem: CoulombProblem, held: np.ndarray):
     """Forces on the rows `held` for their movements, with the work of all that bodies balance.
 
-    NaN where these may move.
+    NaN where these may move, or rows depend on one another.
     """
     C, R = problem.compliance[np.ix_(held, held)], problem.motions[held]
     if not problem.k:
-        factor = cho_factor(C, lower=True, check_finite=False)
+        try:
+            factor = cho_factor(C, lower=True, check_finite=False)
+        except np.linalg.LinAlgError:
+            return lambda moved, work: np.full(len(held), np.nan)
         return lambda moved, work: cho_solve(factor, moved, check_finite=False)
     root = np.sqrt(np.diag(C))
     alike = np.block([[C / np.outer(root, root), R / root[:, None] / problem.reach],

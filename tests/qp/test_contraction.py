@@ -6,7 +6,8 @@ from test_complementarity import random_problem
 
 from driver.qp import one_solution
 from driver.qp.contraction import contraction
-from driver.qp.equations import STICK
+from driver.qp.coulomb import CoulombProblem
+from driver.qp.equations import FORWARD, STICK
 
 
 def approximated(problem, bounds):
@@ -45,3 +46,13 @@ def test_nothing_contracts_where_nothing_slides():
                           np.full(problem.m, 1e3))
     z = one_solution.only_solution(stuck, stuck.whole(np.zeros(stuck.rows)))
     assert np.isnan(contraction(stuck, z, 4))
+
+
+def test_a_vertex_that_is_held_twice_tells_no_rate():
+    """Where three bodies meet, conditions depend on one another; of given bounds none is asked."""
+    C = np.kron([[1.0, 0.2], [0.2, 1.0]], np.ones((2, 2)))
+    z = np.array([1.0, 1.0, 0.3, 0.0])
+    problem = CoulombProblem(C, C @ z, np.full(2, 0.3), np.arange(2))
+    assert problem.states(z).tolist() == [FORWARD, STICK] and np.isnan(contraction(problem, z, 3))
+    given = problem.under(problem.load, np.zeros(2), offset=np.array([0.3, 0.3]))
+    assert given.states(z).tolist() == [FORWARD, STICK] and np.isnan(contraction(given, z, 3))
