@@ -24,7 +24,7 @@ class Room(initial_state.Room):
         if rows.corners is not None:
             deformation = op.deformation_by_level(x, load.weights)[op.row_level]
             rows.corners.end_step(x, gradient, None, deformation, op.comm)
-        solver.multipliers, solver.motion = x, load.weights[op.structure.patterns :]
+        solver.multipliers, solver.motion = x, solver.bodies.place(load)
         solver.slip.advance(x, gradient, load.weights, solver.scales)
         u_t = np.zeros(len(solver.initial))
         u_t[rows.tangential_node] = solver.slip.u_t

@@ -126,7 +126,7 @@ class Condensation:
         """
         if not self.operator.modes or not self.total:
             return False
-        motions = np.column_stack([self._gathered(d, self._every) for d in self.operator.motions])
+        motions = self._every_motion
         reach = np.abs(motions).max(axis=0)
         sizes = np.linalg.svd(motions / np.where(reach > 0, reach, 1.0), compute_uv=False)
         return bool(((sizes > SLIGHT) & (sizes < FAINT * sizes[0])).any())
@@ -136,9 +136,18 @@ class Condensation:
         """
         if not self.operator.modes:
             return None
-        motions = np.column_stack([self.gather(d) for d in self.operator.motions])
+        motions = self._of_acting(self._every_motion).copy()
         motions[self.apart] = 0.0
         return motions
+
+    @functools.cached_property
+    def _every_motion(self) -> np.ndarray:
+        """(contact rows, k) what all of them move by, whether they act or not."""
+        return np.column_stack([self._gathered(d, self._every) for d in self.operator.motions])
+
+    def _of_acting(self, values: np.ndarray) -> np.ndarray:
+        """(n + m, ...) of `values` (contact rows, ...) those of the rows that act."""
+        return values if self.rows.corners is None else values[self._acting]
 
     def glued(self, d: np.ndarray, x: np.ndarray,
               gradient: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -193,11 +202,8 @@ class Condensation:
             self._selected, self._law = self._compliance, None
             self._softness = self.operator.softness
             if self.operator.softness is not None:
-                every = np.zeros(self.operator.structure.dual_dofs)
-                every[slice(*self.operator.structure.row_range)] = self.operator.softness
-                every = np.sum(self.operator.comm.allgather(every), axis=0)
-                numbers = contact_row_numbers(self.operator.structure.contact)
-                self._selected = self._compliance + np.diag(every[numbers])
+                own = self._gathered(self.operator.softness, self._every)
+                self._selected = self._compliance + np.diag(own)
             if self.rows.corners is not None:
                 self._selected = self._selected[np.ix_(self._acting, self._acting)]
             own = self._selected[self.apart, self.apart]
@@ -241,10 +247,8 @@ class Condensation:
     def problem_by_loads(self, load: Load) -> CoulombProblem:
         """The same from the loads alone, to fewer digits; where there is an `elimination`."""
         weights = load.weights[: self.operator.structure.patterns]
-        responses = self._responses
-        if self.rows.corners is not None:
-            responses = responses[self._acting]
-        return self._under(load, self.gather(load.rest) + responses @ weights)
+        moved = self._of_acting(self._responses) @ weights
+        return self._under(load, self.gather(load.rest) + moved)
 
     def _under(self, load: Load, d: np.ndarray) -> CoulombProblem:
         """The condensed problem under the movements d (n + m,) that contact forces have to undo.

@@ -26,7 +26,9 @@ def solution_within(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | 
 
 
 class _Descent:
-    """Forces x (n + m,) within their bounds, `slope` of the energy there, rows that are `held`."""
+    """Forces x (n + m,) within their bounds `lower` and `upper`, `slope` (n + m,) and `energy`
+    there, and the number of changes that are `left`.
+    """
 
     def __init__(self, problem: CoulombProblem, start: np.ndarray):
         self.problem, n = problem, problem.n

@@ -81,11 +81,11 @@ def approached(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
 
 def approached_once(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
     """As `approached`, with one augmentation; None also if an approximation is not found."""
+    if not problem.coefficient.any():
+        return _within(problem, start)
     z = start
     for _ in range(APPROXIMATIONS):
         solution = newton(problem, z)
-        if solution is None and not problem.coefficient.any():
-            return solution_within(problem, z)
         if solution is not None:
             return solution
         z = approximation(problem, z)
@@ -95,12 +95,16 @@ def approached_once(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | 
 
 
 def approximation(problem: CoulombProblem, z: np.ndarray, **how) -> np.ndarray | None:
-    """Solution with the friction bounds of z as given ones, by Newton's method from z, `how`, or,
-    where it does not settle, by a descent of the energy.
-    """
+    """Solution with the friction bounds of z as given ones, from z; Newton's method `how`."""
     given = problem.under(problem.load, np.zeros(problem.m), offset=problem.bounds(z))
-    solution = newton(given, z, **how)
-    return solution_within(given, z) if solution is None else solution
+    return _within(given, z, **how)
+
+
+def _within(problem: CoulombProblem, start: np.ndarray, **how) -> np.ndarray | None:
+    """Solution under given friction bounds, by Newton's method, `how`, or a descent of the energy.
+    """
+    solution = newton(problem, start, **how)
+    return solution_within(problem, start) if solution is None else solution
 
 
 def settled(problem: CoulombProblem, start: np.ndarray, move: np.ndarray,

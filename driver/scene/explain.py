@@ -222,7 +222,7 @@ def _line(scene: Path, name: str, number: int) -> str:
     """Code of a line of a file of the scene; empty if there is none."""
     for source in grammar.sources(scene):
         if source.path.name == name and 0 < number <= len(source.lines):
-            return grammar.without_comments(source.lines[number - 1])
+            return source.code[number - 1]
     return ""
 
 
@@ -273,8 +273,9 @@ def _unfinished(scene: Path, name: str, number: int) -> int:
     within = set()
     for macro in grammar.definitions(source):
         within |= set(range(macro.line, macro.line + 1 + macro.content.count("\n")))
+    lines = source.code
     for at in range(number - 1, 0, -1):
-        code = grammar.without_comments(source.lines[at - 1]).strip()
+        code = lines[at - 1].strip()
         if code and at not in within and not re.match(r"(END)?IFMACRO|include|load", code):
             return 0 if code.endswith((";", "}", "{", ",")) or "addBody" in code else at
     return 0
@@ -382,8 +383,7 @@ def _execution(output: str, status: int, scene: Path, retrace) -> str:
 def _places(scene: Path, pattern: str) -> list[str]:
     """File and line of every line of the scene's code that a pattern is in."""
     return [f"{source.path.name} line {number}" for source in grammar.sources(scene)
-            for number, line in enumerate(source.lines, 1)
-            if re.search(pattern, grammar.without_comments(line))]
+            for number, line in enumerate(source.code, 1) if re.search(pattern, line)]
 
 
 def _place(scene: Path, pattern: str, which: int = 0) -> str:

@@ -29,8 +29,6 @@ AFTER_MACRO = re.compile(r"[ \t]*(?:macro|NewMacro|include|IFMACRO|ENDIFMACRO)\b
 DECLARATION = re.compile(r"(?:real|int|bool|string|complex|mesh|matrix|varf|border|fespace|"
                          r"func\s+\w+)(?:\s*\[[^\]]*\])?\s+([^;]*)")
 PARAMETER = re.compile(r'\b(?:physical|whole|choice)\s*\(\s*"([^"]*)"')
-
-
 # strings, which may go on in the next line; of the patterns beside them what the group has stays
 TEXT = r'"(?:[^"\\\n]|\\(?:.|\n))*"'
 TEXT_OR_COMMENT = re.compile(rf"({TEXT})|//[^\n]*")
@@ -43,6 +41,11 @@ class Source(NamedTuple):
 
     path: Path
     lines: list[str]
+
+    @property
+    def code(self) -> list[str]:
+        """The lines without what follows // outside of strings."""
+        return [TEXT_OR_COMMENT.sub(lambda part: part[1] or "", line) for line in self.lines]
 
 
 class Definition(NamedTuple):
@@ -87,11 +90,6 @@ def sources(scene: Path) -> list[Source]:
     return found
 
 
-def without_comments(code: str) -> str:
-    """FreeFEM code without what follows // outside of strings."""
-    return TEXT_OR_COMMENT.sub(lambda part: part[1] or "", code)
-
-
 def without_texts(code: str) -> str:
     """FreeFEM code without comments and the content of strings."""
     return TEXT_OR_COMMENT.sub(
@@ -120,7 +118,7 @@ def definitions(source: Source) -> list[Definition]:
 def check(scene: Path) -> None:
     """Refuse what can be seen to be wrong. Raises InputError with the file and its line."""
     files = sources(scene)
-    if not any(without_comments(line).strip() for source in files for line in source.lines):
+    if not any(line.strip() for source in files for line in source.code):
         raise InputError(f"{scene.name} is empty: see edp/tutorial.edp for how to write a scene")
     _check_includes(files)
     _check_end(files[0])
@@ -198,29 +196,29 @@ def _marks(source: Source):
 
 
 def _check_characters(source: Source) -> None:
-    for number, line in enumerate(source.lines, 1):
+    for number, line in enumerate(source.code, 1):
         if "/*" in without_texts(line):
             raise InputError(f"{source.path.name} line {number}: a comment begins by /* and is not "
                              "closed by */")
-        for letter in without_comments(line):
+        for letter in line:
             if not letter.isascii():
                 raise InputError(f"{source.path.name} line {number}: '{letter}' stands outside a "
                                  "comment, where FreeFEM reads plain ASCII only")
 
 
 def _check_bodies(source: Source) -> None:
-    arrays = {name: len(re.findall("[^,]+", items)) for line in source.lines
-              for name, items in re.findall(r"(\w+)\s*=\s*\[([^][]*)\]", without_comments(line))}
-    for number, line in enumerate(source.lines, 1):
-        if literal := re.search(r"\blabel\s*=\s*(\[[^\]]*\])", without_comments(line)):
+    arrays = {name: len(re.findall("[^,]+", items)) for line in source.code
+              for name, items in re.findall(r"(\w+)\s*=\s*\[([^][]*)\]", line)}
+    for number, line in enumerate(source.code, 1):
+        if literal := re.search(r"\blabel\s*=\s*(\[[^\]]*\])", line):
             raise InputError(f"{source.path.name} line {number}: FreeFEM takes labels of a mesh "
                              f"from a variable alone: int[int] sides = {literal[1]}; and  "
                              "label = sides")
-        for used in re.findall(r"\bsquare\s*\(.*\blabel\s*=\s*(\w+)", without_comments(line)):
+        for used in re.findall(r"\bsquare\s*\(.*\blabel\s*=\s*(\w+)", line):
             if used in arrays and arrays[used] != 4:
                 raise InputError(f"{source.path.name} line {number}: {used} has {arrays[used]} "
                                  "labels, but a square has four sides: bottom, right, top, left")
-        if re.search(r"(\baddBody\s*\(|=)\s*rectangle\s*\(", without_comments(line)):
+        if re.search(r"(\baddBody\s*\(|=)\s*rectangle\s*\(", line):
             raise InputError(f"{source.path.name} line {number}: rectangle(...) declares the only "
                              "body itself and is no mesh; several bodies are given by "
                              "addBody(square(n, m, [x0 + a*x, y0 + b*y]))")
@@ -281,14 +279,14 @@ def _unbalanced(name: str, content: str) -> str:
 
 def parameters(scene: Path) -> dict[str, str]:
     """Names of the parameters that a scene reads, as it spells them, by their small letters."""
-    return {name.lower(): name for source in sources(scene) for line in source.lines
-            for name in PARAMETER.findall(without_comments(line))}
+    return {name.lower(): name for source in sources(scene) for line in source.code
+            for name in PARAMETER.findall(line)}
 
 
 def _check_parameters(source: Source) -> None:
     """Names of parameters are those that a user can set on the command line."""
-    for number, line in enumerate(source.lines, 1):
-        for name in PARAMETER.findall(without_comments(line)):
+    for number, line in enumerate(source.code, 1):
+        for name in PARAMETER.findall(line):
             place = f"{source.path.name} line {number}: "
             if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name):
                 raise InputError(f"{place}'{name}' cannot name a parameter: it needs letters, "

@@ -51,7 +51,7 @@ def check_names(scene: Path) -> None:
     name FreeFEM says itself, see `taken_name`. Raises InputError.
     """
     files = grammar.sources(scene)
-    code = "\n".join(grammar.without_comments(line) for source in files for line in source.lines)
+    code = "\n".join(line for source in files for line in source.code)
     if 'include "export.idp"' not in code:
         return
     library = "\n".join(path.read_text() for path in environment.LIBRARY.rglob("*.idp"))
@@ -105,7 +105,7 @@ def check_gmsh_numbers(scene: Path) -> None:
     gmsh takes them without a word. Files that are put together from others are not judged.
     """
     files = grammar.sources(scene)
-    code = "\n".join(grammar.without_comments(line) for source in files for line in source.lines)
+    code = "\n".join(line for source in files for line in source.code)
     named = re.findall(r"\bgmshBody\(([^,]*),", code)
     paths = [scene.parent / name.strip().strip('"') for name in named]
     if not paths or not all(path.suffix == ".geo" and path.is_file() for path in paths):
@@ -115,8 +115,8 @@ def check_gmsh_numbers(scene: Path) -> None:
         return
     text = re.sub(r"//[^\n]*", "", text)
     for source in files:
-        for number, line in enumerate(source.lines, 1):
-            for name in re.findall(r'\bgmshNumber\(\s*"(\w+)"', grammar.without_comments(line)):
+        for number, line in enumerate(source.code, 1):
+            for name in re.findall(r'\bgmshNumber\(\s*"(\w+)"', line):
                 if not _is_word(name, text):
                     known = re.findall(r"(\w+)\s*=\s*\{", text)
                     raise InputError(f"{source.path.name} line {number}: no .geo file of the scene "
@@ -187,16 +187,16 @@ def check_units(scene: Path, manifest: Manifest) -> None:
     """Refuse names of units that can be none: numbers, a stress for a length. Raises InputError."""
     if reason := units.fault(**manifest.units):
         line = next((f" line {number}" for source in grammar.sources(scene)
-                     for number, line in enumerate(source.lines, 1)
-                     if re.search(r"\bunits\s*\(", grammar.without_comments(line))), "")
+                     for number, line in enumerate(source.code, 1)
+                     if re.search(r"\bunits\s*\(", line)), "")
         raise InputError(f'{scene.name}{line}: units: {reason}; such as units("mm", "MPa")')
 
 
 def taken_name(scene: Path, name: str) -> str:
     """Why FreeFEM refuses a variable `name` that a scene and the library both declare."""
     for source in grammar.sources(scene):
-        for number, line in enumerate(source.lines, 1):
-            if _is_word(name, grammar.without_comments(line)):
+        for number, line in enumerate(source.code, 1):
+            if _is_word(name, line):
                 return own_name(source.path, number, name)
     return f"{scene.name}: the name '{name}' is the library's own; choose another"
 
@@ -248,10 +248,9 @@ def check_fixed_labels(scene: Path, manifest: Manifest) -> None:
     FreeFEM ignores such a condition. One on a line inside a body would hold where a cut runs along
     it, and not elsewhere.
     """
-    places = [(source.path.name, number, line) for source in grammar.sources(scene)
-              for number, line in enumerate(source.lines, 1)]
-    for name, number, line in places:
-        code = grammar.without_comments(line)
+    places = [(source.path.name, number, code) for source in grammar.sources(scene)
+              for number, code in enumerate(source.code, 1)]
+    for name, number, code in places:
         for label in re.findall(r"\bon\(\s*(\d+)\s*,", code):
             if int(label) not in manifest.labels:
                 raise InputError(
