@@ -18,7 +18,6 @@ from .arguments import parse_pairs
 from .errors import DriverError, InputError, report_error, shortage, write_error
 from .runs import launch
 from .runs import run as runs
-from .runs.request import Request
 from .runs.run import Run, execute
 from .scene import freefem
 from .text import shown
@@ -176,13 +175,15 @@ def _list(paths: list[Path]) -> None:
 # ---- ranks ---------------------------------------------------------------------------------------
 
 def solve(words: list[str]) -> None:
-    """One rank of the part that several share (started by mpirun)."""
+    """One rank of a stage that several share (started by mpirun): its name, where it works."""
     from mpi4py import MPI
 
-    work = Path(words[0])
+    stage, work = _stage(words[0]), Path(words[1])
     try:
-        request = Request.read(work)
-        status, reason = launch.solve_here(work, request, _stage(request))
+        request = launch.awaited(work, stage)
+        if request is None:
+            return
+        status, reason = launch.solve_here(work, request, stage)
     except Exception as problem:  # the other ranks do not know of it and wait for this one
         reason = str(problem) if isinstance(problem, DriverError) else shortage(problem)
         if reason:
@@ -195,13 +196,15 @@ def solve(words: list[str]) -> None:
         launch.write_answer(work, status, reason)
 
 
-def _stage(request: Request):
-    """The stage that a request is for."""
-    if request.study:
-        from .studies.study import solver
+def _stage(name: str):
+    """A stage that ranks share, by its name."""
+    if name == runs.solver.__name__:
+        return runs.solver
+    if name == runs.search.__name__:
+        return runs.search
+    from .studies.study import parametric
 
-        return solver
-    return runs.search if request.accuracy else runs.solver
+    return parametric
 
 
 # ---- entry ---------------------------------------------------------------------------------------

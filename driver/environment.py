@@ -29,6 +29,7 @@ PETSC_ROOM = 150 * 2**20  # bytes of address space that PETSc, MPI and their lib
 PETSC = Path("/usr/lib/petsc")  # where Debian's alternatives may have it
 OPEN_FILES = 256  # that MPI, FreeFEM and matplotlib may need to have open together
 AGAIN = 0.01  # seconds after which a lost interrupt comes once more
+LOOK_AGAIN = 0.01  # seconds between two looks at what a child has come to
 PATIENCE = 10  # seconds that an interrupted child has to end by itself
 # Open MPI looks for fast networks and starts a daemon even for a single process, which takes longer
 # than a small run; without the daemon such processes would share one directory
@@ -299,8 +300,25 @@ def place_of_mpirun() -> str:
 def run_child(command: list[str], meanwhile=lambda: None, **options) -> subprocess.CompletedProcess:
     """subprocess.run whose child ends with this process, however that ends.
 
-    Calls `meanwhile` while it runs. On an interrupt mpirun has the time to stop its ranks and clean
-    up. Raises InputError if the program cannot be started.
+    Calls `meanwhile` while it runs, again and again as long as that returns True. Raises InputError
+    if the program cannot be started.
+    """
+    with started(command, stdin=subprocess.DEVNULL, **options) as child:
+        while meanwhile():
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                output, errors = child.communicate(timeout=LOOK_AGAIN)
+                break
+        else:
+            output, errors = child.communicate()
+    return subprocess.CompletedProcess(command, child.returncode, output, errors)
+
+
+@contextlib.contextmanager
+def started(command: list[str], **options):
+    """A child that ends with this process, however that ends, or with a block that an error ends.
+
+    On an interrupt mpirun has the time to stop its ranks and clean up. Raises InputError if the
+    program cannot be started.
     """
     libc, parent = ctypes.CDLL(None), os.getpid()
 
@@ -310,19 +328,16 @@ def run_child(command: list[str], meanwhile=lambda: None, **options) -> subproce
             os._exit(128 + signal.SIGTERM)
 
     try:
-        child = subprocess.Popen(command, stdin=subprocess.DEVNULL, preexec_fn=end_with_parent,
-                                 **options)
+        child = subprocess.Popen(command, preexec_fn=end_with_parent, **options)
     except OSError as problem:
         message = f"{command[0]} cannot be started: {problem.strerror}"
         raise file_error(problem, message) from None
     with child:
         try:
-            meanwhile()
-            output, errors = child.communicate()
+            yield child
         except BaseException:
             _stop(child)
             raise
-    return subprocess.CompletedProcess(command, child.returncode, output, errors)
 
 
 def _stop(child: subprocess.Popen) -> None:

@@ -114,7 +114,7 @@ def spoiled(spoil):
                     fingerprint={"scene or parameters": read(work / "export").content}).write(work)
             spoil(work / "export")
             clock = time.perf_counter()
-            outcome = run_command(["solve", place], directory, case.seconds)
+            outcome = run_command(["solve", "solver", place], directory, case.seconds)
             if (work / "answer.json").exists():
                 answer = json.loads((work / "answer.json").read_text())
                 outcome.status, outcome.message = answer["status"], answer["reason"]

@@ -4,53 +4,137 @@ A stage is a function without arguments that imports a module for the ranks and 
 run(directory, request, comm), which returns exit status and reason, on every rank alike.
 """
 
+import contextlib
 import gc
 import json
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 from .. import environment
 from ..errors import Defect, DriverError, InputError, defect_line, kept
 from ..options import CORES
+from ..scene import freefem
 from ..scene.manifest import Manifest
 from . import hosts
 from .request import NAME, Request
 
 ANSWER = "answer.json"
-RANK = 80_000  # dofs for which a rank of its own pays, though it starts after FreeFEM has ended
+RANK = 80_000  # dofs for which a rank of its own pays
+POLL = 2e-3  # seconds between two looks of a rank whether there is a request
 
 
-def ranks_for(manifest: Manifest) -> int:
+def ranks_for(nodes: int, subdomains: int) -> int:
     """The ranks that solve an export soonest on this machine, where nobody asked for a number."""
-    return max(1, min(CORES, manifest.subdomains, 2 * manifest.nodes // RANK))
+    return max(1, min(CORES, subdomains, 2 * nodes // RANK))
 
 
-def solve(work: Path, request: Request, ranks: int, stage) -> tuple[int, str]:
-    """Run a stage on `ranks` ranks; exit status and reason.
+class Ranks:
+    """This process or ranks of their own, which get ready for a stage while FreeFEM works.
 
-    Raises InputError if a rank dies, Defect if it does of an unexpected exception.
+    with Ranks(work, stage, number) as ranks:
+        manifest = freefem.export(..., meanwhile=ranks.prepare)
+        status, reason = ranks.solve(request, manifest)
     """
-    if ranks == 1:
-        return solve_here(work, request, stage)
-    request.write(work)
-    env = {**environment.child_environment(), "PYTHONPATH": environment.python_path()}
-    command = [*environment.mpirun(ranks, env), sys.executable, "-m", "driver", "solve", str(work)]
-    done = environment.run_child(command, env=env, stderr=subprocess.PIPE, text=True,
-                                 errors="replace")
-    try:
-        answer = json.loads((work / ANSWER).read_text())
-    except FileNotFoundError:
-        raise _why_no_answer(done) from None
-    if done.returncode == 0:
-        sys.stderr.write(done.stderr)
-    else:  # a rank died when the results were there
-        with open(work / "run.log", "a") as log:
-            log.write(done.stderr)
-    for name in (NAME, ANSWER):
-        (work / name).unlink()
-    return answer["status"], answer["reason"]
+
+    def __init__(self, work: Path, stage, number: int | None):
+        """`number` None: as many as the size of the export pays for."""
+        self.work, self.stage, self.number = work, stage, number
+        self._stack, self._child = contextlib.ExitStack(), None
+        self._loaded = self._waiting = False  # the stage here, ranks for a request
+
+    def __enter__(self) -> "Ranks":
+        self._stack.__enter__()
+        return self
+
+    def __exit__(self, *error):
+        """Ranks that still wait for a request are told that none comes, and end by themselves:
+        mpirun takes two seconds to stop them.
+        """
+        try:
+            if self._waiting:
+                self._child.communicate(timeout=environment.PATIENCE)
+        except subprocess.TimeoutExpired:
+            pass
+        finally:
+            self._stack.__exit__(*error)
+
+    def prepare(self) -> bool:
+        """Start ranks or load the stage here; whether to call again, as their number is open.
+
+        It is known once FreeFEM has the mesh. Raises InputError if a package is missing.
+        """
+        if self.number is None and (size := freefem.announced(self.work / "export")):
+            self.number = ranks_for(*size)
+        if (self.number or 1) > 1:
+            self._start()
+        elif not self._loaded:
+            load(self.stage)
+            self._loaded = True
+        return self.number is None
+
+    def solve(self, request: Request, manifest: Manifest | None = None) -> tuple[int, str]:
+        """Run the stage; exit status and reason. The size is that of the export of `manifest`.
+
+        Raises InputError if a rank dies, Defect if it does of an unexpected exception.
+        """
+        if self.number is None:
+            self.number = ranks_for(manifest.nodes, manifest.subdomains)
+        if self.number == 1:
+            return solve_here(self.work, request, self.stage)
+        request.write(self.work)
+        self._start()
+        return self._answer()
+
+    def _start(self) -> None:
+        """Start the ranks, unless they run; they wait until their input ends."""
+        if self._child is None:
+            env = {**environment.child_environment(), "PYTHONPATH": environment.python_path()}
+            command = [*environment.mpirun(self.number, env), sys.executable, "-m", "driver",
+                       "solve", self.stage.__name__, str(self.work)]
+            self._child = self._stack.enter_context(environment.started(
+                command, env=env, stdin=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                errors="replace"))
+            self._waiting = True
+
+    def _answer(self) -> tuple[int, str]:
+        """Let the ranks begin; what they come to."""
+        self._waiting = False
+        errors = self._child.communicate()[1]
+        done = subprocess.CompletedProcess(self._child.args, self._child.returncode, "", errors)
+        try:
+            answer = json.loads((self.work / ANSWER).read_text())
+        except FileNotFoundError:
+            raise _why_no_answer(done) from None
+        if done.returncode == 0:
+            sys.stderr.write(done.stderr)
+        else:  # a rank died when the results were there
+            with open(self.work / "run.log", "a") as log:
+                log.write(done.stderr)
+        for name in (NAME, ANSWER):
+            (self.work / name).unlink()
+        return answer["status"], answer["reason"]
+
+
+def awaited(work: Path, stage) -> Request | None:
+    """What a rank that was started early is to do; None if the run came to nothing before.
+
+    Rank 0 is told by the end of its input, the others by rank 0: these sleep meanwhile, as the
+    cores are FreeFEM's. Collective. Raises InputError if a package is missing.
+    """
+    load(stage)
+    from mpi4py import MPI
+
+    comm = MPI.COMM_WORLD
+    if comm.rank == 0:
+        sys.stdin.read()
+    begun = comm.Ibarrier()
+    while not begun.Test():
+        time.sleep(POLL)
+    there = comm.bcast((work / NAME).exists() if comm.rank == 0 else None)
+    return Request.read(work) if there else None
 
 
 def write_answer(work: Path, status: int, reason: str) -> None:
@@ -100,12 +184,6 @@ def load(stage):
     if len(sys.modules) > known:
         gc.freeze()  # modules stay to the end: the collector need not look through them again
     return run
-
-
-def preload(stage, ranks: int) -> None:
-    """Load a stage while FreeFEM works, if this process will run it."""
-    if ranks == 1:
-        load(stage)
 
 
 def solve_here(work: Path, request: Request, stage) -> tuple[int, str]:

@@ -21,6 +21,7 @@ from ..files import write_json
 from ..march import checkpoint
 from ..options import RESULTS
 from ..scene import explain, freefem, grammar, seal
+from ..scene.manifest import Manifest
 from ..text import shown
 from . import guard, hosts, launch
 from .request import Request
@@ -107,7 +108,8 @@ def execute(run: Run, since: float | None = None) -> dict:
         hosts.check(place.path, run.front_ranks)
         cycles = _refine(run, place)
         if run.accuracy:
-            status, reason = solve(run, place.path, Request.of(run), search, run.front_ranks)
+            with launch.Ranks(place.path, search, run.front_ranks) as ranks:
+                status, reason = solve(run, ranks, Request.of(run))
         else:
             request = Request.of(run, cycles=tuple(map(str, cycles)))
             status, reason = _cycle(run, place, place.path, cycles, request)
@@ -145,26 +147,27 @@ def _cycle(run: Run, place: Workspace, work: Path, before: list[Path],
     """
     clock = time.perf_counter()
     sizes = before[-1] / refinement.STEM if before else None
-    manifest = freefem.export(run.scene, work / "export", run.parameters, run.front_ranks, sizes,
-                              lambda: _prepare(run), run.without)
-    choices = {"fields": request.fields, "without": list(request.without)}
-    content = seal.read(work / "export").content
-    identity = checkpoint.fingerprint(content, {**request.settings, **choices})
-    _resume(run, place, work, identity)
-    seconds = {**refinement.seconds(before), "export": time.perf_counter() - clock}
-    request = dataclasses.replace(request, fingerprint=identity, seconds=seconds)
-    return solve(run, work, request, solver, run.ranks or launch.ranks_for(manifest))
+
+    def prepare() -> bool:  # what takes time and does not need the export
+        checkpoint.program()
+        return ranks.prepare()
+
+    with launch.Ranks(work, solver, run.ranks) as ranks:
+        manifest = freefem.export(run.scene, work / "export", run.parameters, run.front_ranks,
+                                  sizes, prepare, run.without)
+        choices = {"fields": request.fields, "without": list(request.without)}
+        content = seal.read(work / "export").content
+        identity = checkpoint.fingerprint(content, {**request.settings, **choices})
+        _resume(run, place, work, identity)
+        seconds = {**refinement.seconds(before), "export": time.perf_counter() - clock}
+        request = dataclasses.replace(request, fingerprint=identity, seconds=seconds)
+        return solve(run, ranks, request, manifest)
 
 
-def _prepare(run: Run) -> None:
-    """What takes time and does not need the export."""
-    launch.preload(solver, run.front_ranks)
-    checkpoint.program()
-
-
-def solve(run: Run, work: Path, request: Request, stage, ranks: int) -> tuple[int, str]:
-    """Exit status and reason of a stage on so many ranks; a refusal has the scene's line."""
-    status, reason = launch.solve(work, request, ranks, stage)
+def solve(run: Run, ranks: launch.Ranks, request: Request,
+          manifest: Manifest | None = None) -> tuple[int, str]:
+    """Exit status and reason of a stage; a refusal has the scene's line."""
+    status, reason = ranks.solve(request, manifest)
     refused = status == InputError.exit_status
     return status, explain.placed(reason, run.scene) if refused else reason
 

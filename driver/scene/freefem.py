@@ -11,6 +11,7 @@ from .manifest import Manifest, read_manifest
 from .script import text_digest
 
 SCENES = environment.ROOT / "edp"
+SIZE = "size.txt"  # in an export, from its beginning: nodes and subdomains
 
 
 def scenes() -> dict[str, str]:
@@ -39,16 +40,12 @@ def find_scene(name: str) -> Path:
     raise InputError(f"no scene '{name}'; a path to an .edp file or one of: {', '.join(known)}")
 
 
-def nothing() -> None:
-    """What is done while FreeFEM works, unless there is something to do."""
-
-
 def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int = 1,
-           sizes: Path | None = None, meanwhile=nothing, without: tuple[str, ...] = ()) -> Manifest:
+           sizes: Path | None = None, meanwhile=lambda: None, without: tuple[str, ...] = ()) -> Manifest:
     """Run `scene` with command-line `parameters`, spread over `ranks`, into `directory`.
 
     `sizes` is the stem of a field of element sizes (see adaptivity.write_sizes) that the body is
-    meshed with; `meanwhile` is called while FreeFEM works. Effects named in `without` are treated
+    meshed with; `meanwhile` is called while FreeFEM works, again as long as it returns True. Effects named in `without` are treated
     as undeclared, with all that needs them: rooms ("friction"), one of several loads ("load2"),
     "quasistatic" (one static step at the end time) and "amplitude2" (its factor at the end time in
     all steps).
@@ -78,8 +75,17 @@ def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int 
     return manifest
 
 
+def announced(directory: Path) -> tuple[int, int] | None:
+    """Nodes and subdomains of the export that FreeFEM works at, once it has the mesh."""
+    try:
+        line = (directory / SIZE).read_text()
+    except FileNotFoundError:
+        return None
+    return tuple(map(int, line.split())) if line.endswith("\n") else None
+
+
 def export_study(scene: Path, directory: Path, parameters: dict[str, str], name: str,
-                 values: list[str], meanwhile=nothing,
+                 values: list[str], meanwhile=lambda: None,
                  without: tuple[str, ...] = ()) -> list[Manifest]:
     """Contact data, loads and manifest of `scene` for every value of `name`: directory/0, 1, ...
 
@@ -122,7 +128,7 @@ def _loop(scene: Path, name: str, values: list[str], loaded: bool) -> str:
 
 
 def _run(program: Path, scene: Path, directory: Path, parameters: dict[str, str], ranks: int,
-         meanwhile=nothing, without: tuple[str, ...] = ()) -> None:
+         meanwhile=lambda: None, without: tuple[str, ...] = ()) -> None:
     """Run the script `program` in the scene's folder, after writing what it is to include.
 
     Raises InputError with what FreeFEM said if it fails, and for unknown elements.
@@ -135,7 +141,7 @@ def _run(program: Path, scene: Path, directory: Path, parameters: dict[str, str]
         raise InputError(f"FreeFEM takes no folder with a semicolon in its name: {directory}")
     spelled = grammar.parameters(scene)
 
-    def start(ranks: int, meanwhile=nothing, traced: bool = False,
+    def start(ranks: int, meanwhile=lambda: None, traced: bool = False,
               given=parameters) -> subprocess.CompletedProcess:
         declarations.write(directory, without, traced)
         env = environment.child_environment(ranks > 1, element)

@@ -27,12 +27,13 @@ from ..runs.request import Request
 from ..runs.run import Run, solve
 from ..runs.workspace import Workspace
 from ..scene import freefem
+from ..scene.manifest import Manifest
 from ..text import shown
 
 SHOWN = 3  # warnings on the screen
 
 
-def solver():
+def parametric():
     """Stage: all values of a study."""
     from .parametric import run
 
@@ -53,17 +54,12 @@ def make_study(pairs: dict[str, str]) -> tuple[dict, Path]:
     out = (run.out if "out" in pairs else RESULTS / "study" / f"{run.scene.stem}-{name}")
     with Workspace(out) as place:
         clock, work = time.perf_counter(), place.path
-        ranks = run.front_ranks
-        hosts.check(work, ranks)
-        manifest, *_ = freefem.export_study(
-            run.scene, work / "values", run.parameters, name, values,
-            lambda: freefem.export(run.scene, work / "export", run.parameters, ranks, None,
-                                   lambda: launch.preload(solver, ranks), run.without),
-            run.without)
-        request = Request.of(run, study=name, values=tuple(values),
-                             seconds={"export": time.perf_counter() - clock})
-        status, reason = solve(run, work, request, solver,
-                               run.ranks or launch.ranks_for(manifest))
+        hosts.check(work, run.front_ranks)
+        with launch.Ranks(work, parametric, run.ranks) as ranks:
+            manifest = _export(run, work, name, values, ranks)
+            request = Request.of(run, study=name, values=tuple(values),
+                                 seconds={"export": time.perf_counter() - clock})
+            status, reason = solve(run, ranks, request, manifest)
         if not (work / "summary.json").exists():
             raise error_of(status, reason)
         if run.figures:
@@ -76,6 +72,17 @@ def make_study(pairs: dict[str, str]) -> tuple[dict, Path]:
     if status:
         raise error_of(status, f"{reason}; the study is kept in {shown(out)}")
     return json.loads((out / "summary.json").read_text()), out
+
+
+def _export(run: Run, work: Path, name: str, values: list[str], ranks: launch.Ranks) -> Manifest:
+    """The body and what every value changes of it, at a time; the manifest of the first value."""
+    def body() -> None:
+        freefem.export(run.scene, work / "export", run.parameters, run.front_ranks, None,
+                       ranks.prepare, run.without)
+
+    first, *_ = freefem.export_study(run.scene, work / "values", run.parameters, name, values,
+                                     body, run.without)
+    return first
 
 
 def _studied(pairs: dict[str, str]) -> tuple[str, list[str]]:

@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 import threading
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -29,11 +28,10 @@ def manifest(tmp_path_factory):
     (2, 1, 8, 1), (launch.RANK - 2, 16, 8, 1), (2 * launch.RANK - 2, 16, 8, 1),
     (2 * launch.RANK, 16, 8, 2), (5 * launch.RANK, 16, 8, 5), (100 * launch.RANK, 16, 8, 8),
     (100 * launch.RANK, 3, 8, 3), (100 * launch.RANK, 16, 1, 1)])
-def test_ranks_follow_from_dofs_subdomains_and_cores(manifest, monkeypatch, dofs, subdomains,
-                                                     cores, ranks):
+def test_ranks_follow_from_dofs_subdomains_and_cores(monkeypatch, dofs, subdomains, cores, ranks):
     """One for each RANK dofs, none without a subdomain, no more than there are cores."""
     monkeypatch.setattr(launch, "CORES", cores)
-    assert launch.ranks_for(replace(manifest, nodes=dofs // 2, subdomains=subdomains)) == ranks
+    assert launch.ranks_for(dofs // 2, subdomains) == ranks
 
 
 def test_a_run_has_the_ranks_that_its_size_pays_for_unless_they_are_given(tmp_path, monkeypatch):
@@ -50,6 +48,37 @@ def test_a_run_has_the_ranks_that_its_size_pays_for_unless_they_are_given(tmp_pa
     ranks, bits = zip(*seen.values())
     assert ranks == (1, 2, 1)
     assert len(set(bits)) == 1
+
+
+def test_ranks_start_as_soon_as_freefem_has_the_mesh(manifest, tmp_path, monkeypatch):
+    """It says how many nodes and subdomains there are, a line that counts once it is whole."""
+    assert freefem.announced(manifest.directory) == (manifest.nodes, manifest.subdomains)
+    started = []
+    monkeypatch.setattr(launch, "CORES", 2)
+    monkeypatch.setattr(launch.Ranks, "_start", lambda ranks: started.append(ranks.number))
+    ranks = launch.Ranks(tmp_path, run.solver, None)
+    (tmp_path / "export").mkdir()
+    for text, again in (("", True), (f"{launch.RANK} ", True), (f"{launch.RANK} 4\n", False)):
+        assert not started
+        (tmp_path / "export" / freefem.SIZE).write_text(text)
+        assert ranks.prepare() is again
+    assert started == [2]
+
+
+def test_ranks_that_wait_end_with_a_run_that_comes_to_nothing(tmp_path):
+    """By themselves, without a word: stopped by mpirun they would take two seconds."""
+    with pytest.raises(ZeroDivisionError):
+        with launch.Ranks(tmp_path, run.solver, 2) as ranks:
+            assert not ranks.prepare()
+            raise ZeroDivisionError
+    assert ranks._child.returncode == 0 and not list(tmp_path.iterdir())
+
+
+def test_a_child_is_heard_while_something_else_is_done():
+    """What it prints is more than a pipe holds: it would wait for ever."""
+    done = environment.run_child([sys.executable, "-c", "print('x' * 1000000)"], lambda: True,
+                                 stdout=subprocess.PIPE, text=True)
+    assert done.returncode == 0 and len(done.stdout) == 1000001
 
 
 def test_mpirun_keeps_its_files_where_no_other_one_does():

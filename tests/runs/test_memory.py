@@ -160,7 +160,7 @@ def solve_here(work, request, stage):
     MPI.COMM_WORLD.barrier()
 
 launch.solve_here = solve_here
-cli.solve([{work!r}])
+cli.solve(["solver", {work!r}])
 """
 
 
@@ -168,7 +168,7 @@ def test_a_rank_that_fails_alone_ends_the_others(tmp_path):
     Request("model", "model.edp", {}, {}).write(tmp_path)
     code = ALONE.format(root=str(environment.ROOT), work=str(tmp_path))
     done = subprocess.run([*environment.mpirun(2), sys.executable, "-c", code], capture_output=True,
-                          text=True,
+                          text=True, stdin=subprocess.DEVNULL,
                           timeout=PATIENCE, env=environment.child_environment())
     assert done.returncode and "error: only this rank knows\n" in done.stderr
     assert not (tmp_path / "answer.json").exists()
