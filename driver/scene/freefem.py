@@ -40,15 +40,19 @@ def find_scene(name: str) -> Path:
     raise InputError(f"no scene '{name}'; a path to an .edp file or one of: {', '.join(known)}")
 
 
+def nothing() -> None:
+    """What is done while FreeFEM works, unless there is something to do."""
+
+
 def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int = 1,
-           sizes: Path | None = None, meanwhile=lambda: None, without: tuple[str, ...] = ()) -> Manifest:
+           sizes: Path | None = None, meanwhile=nothing, without: tuple[str, ...] = ()) -> Manifest:
     """Run `scene` with command-line `parameters`, spread over `ranks`, into `directory`.
 
     `sizes` is the stem of a field of element sizes (see adaptivity.write_sizes) that the body is
-    meshed with; `meanwhile` is called while FreeFEM works, again as long as it returns True. Effects named in `without` are treated
-    as undeclared, with all that needs them: rooms ("friction"), one of several loads ("load2"),
-    "quasistatic" (one static step at the end time) and "amplitude2" (its factor at the end time in
-    all steps).
+    meshed with; `meanwhile` is called while FreeFEM works, again as long as it returns True.
+    Effects named in `without` are treated as undeclared, with all that needs them: rooms
+    ("friction"), one of several loads ("load2"), "quasistatic" (one static step at the end time)
+    and "amplitude2" (its factor at the end time in all steps).
 
     Raises InputError for macros that nothing reads, for names of the library's own, for effects to
     leave out that the scene does not declare, with FreeFEM's own message and script line if the
@@ -85,7 +89,7 @@ def announced(directory: Path) -> tuple[int, int] | None:
 
 
 def export_study(scene: Path, directory: Path, parameters: dict[str, str], name: str,
-                 values: list[str], meanwhile=lambda: None,
+                 values: list[str], meanwhile=nothing,
                  without: tuple[str, ...] = ()) -> list[Manifest]:
     """Contact data, loads and manifest of `scene` for every value of `name`: directory/0, 1, ...
 
@@ -128,7 +132,7 @@ def _loop(scene: Path, name: str, values: list[str], loaded: bool) -> str:
 
 
 def _run(program: Path, scene: Path, directory: Path, parameters: dict[str, str], ranks: int,
-         meanwhile=lambda: None, without: tuple[str, ...] = ()) -> None:
+         meanwhile=nothing, without: tuple[str, ...] = ()) -> None:
     """Run the script `program` in the scene's folder, after writing what it is to include.
 
     Raises InputError with what FreeFEM said if it fails, and for unknown elements.
@@ -141,7 +145,7 @@ def _run(program: Path, scene: Path, directory: Path, parameters: dict[str, str]
         raise InputError(f"FreeFEM takes no folder with a semicolon in its name: {directory}")
     spelled = grammar.parameters(scene)
 
-    def start(ranks: int, meanwhile=lambda: None, traced: bool = False,
+    def start(ranks: int, meanwhile=nothing, traced: bool = False,
               given=parameters) -> subprocess.CompletedProcess:
         declarations.write(directory, without, traced)
         env = environment.child_environment(ranks > 1, element)
