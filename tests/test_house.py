@@ -195,7 +195,7 @@ from driver.runs import launch
 
 def freefem(*_, **__):
     print(*sys.modules)
-    launch.preload(None, 1)
+    launch.load(None)
 
 def petsc():
     from driver import figures
