@@ -15,6 +15,6 @@ class Room(Effect):
         rows, seconds = facts.sizes["dual_normal"], facts.seconds["contact"]
         entries = {"contact": entry(active, reason, rows, seconds)}
         if facts.gap:
-            reason = "some node starts away from, or inside, its obstacle"
-            entries["gap"] = entry(bool(active), reason)
+            met = "some node starts away from, or inside, its obstacle" if active else reason
+            entries["gap"] = entry(bool(active), met)
         return entries

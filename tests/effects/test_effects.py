@@ -230,6 +230,7 @@ def test_contact_matters_where_one_node_touched_at_one_time(nodes, active, reaso
     assert (found["contact"]["active"], found["contact"]["reason"]) == (active, reason)
     assert found["contact"]["unknowns"] == 40
     assert found["gap"]["active"] is bool(active) and found["gap"]["declared"]
+    assert active or found["gap"]["reason"] == reason
     assert not entries(nodes=nodes)["gap"]["declared"]
 
 
