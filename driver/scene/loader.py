@@ -92,7 +92,7 @@ def _subdomains(stack: dict, head: Head, manifest: Manifest, pieces: "_Pieces",
                       unseen=_of_record(unseen, s),
                       body_loads=_of_record(body_loads, s), fixed=stack["fixed"][s],
                       fixed_values=fixed_values[s], contact=contact[s],
-                      fields=_of_record(fields, s),
+                      fields=_of_record(fields, s), cut_alike=not head.entries,
                       curved=bool(manifest.curved) and _is_curved(xy[s], piece["elements"]))
             for s, piece in enumerate(common)]
 

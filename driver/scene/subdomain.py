@@ -72,6 +72,7 @@ class Subdomain:
     # (n_v, 3) stiffness xx, xy, yy of the nodes' springs, which `values` has too; None without any
     springs: np.ndarray | None = None
     curved: bool = False  # middles of some sides are off the chord
+    cut_alike: bool = False  # a piece of a rectangle whose mesh and stiffness others have, too
     # of patterns on edges the sum of sizes by which nodal forces change with the quadrature
     unseen: dict[int, float] = field(default_factory=dict)
 

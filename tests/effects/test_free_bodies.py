@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from driver.qp import complementarity
 from driver.errors import NotConverged
-from driver.march import fixed_point as fixedpoint, globalization, tightening
+from driver.march import fixed_point as fixedpoint, globalization, shortcut, tightening
 from driver.march.friction_qp import FrictionQP
 from driver.march.step import Unfinished
 from driver.qp.coulomb import CoulombProblem
@@ -620,6 +620,7 @@ def test_a_qp_that_fails_on_the_way_to_rest_is_not_the_end(built, steps_of, monk
         return honest(self, index, iteration, d, limits, x, *rest)
 
     monkeypatch.setattr(FrictionQP, "solve", once)
+    monkeypatch.setattr(shortcut, "AT_ONCE", 0)
     solver, steps = steps_of(built(scene=path))
     assert solver.failure is None and len(steps) == 1 and len(calls) > step
 

@@ -12,7 +12,6 @@ from driver.contact.kkt import Scales
 from driver.contact.rows import ContactRows
 from driver.effects.free_bodies import LOOSE, FreeBodies, _least, _sum
 from driver.feti import free_motions
-from driver.march import shortcut
 
 
 def mode(body=0, translation=(1.0, 0.0), rotation=0.0) -> SimpleNamespace:
@@ -236,7 +235,7 @@ include "export.idp"
 """
 
 
-def test_rows_feel_no_motion_by_rounding(built, solved, named_scene, monkeypatch):
+def test_rows_feel_no_motion_by_rounding(built, solved, named_scene):
     """Blocks on rollers may go along without friction, and no force answers to the last digits of
     places. Forces had answered, and steps that eliminate gluing rows had ended with status 4.
     """
@@ -245,7 +244,6 @@ def test_rows_feel_no_motion_by_rounding(built, solved, named_scene, monkeypatch
     felt = np.abs(np.column_stack(operator.motions)).max(axis=0)
     assert len(felt) == 7 and np.count_nonzero(felt) == 4  # up and down, and turning, of two
     assert felt[felt > 0].min() > 1e-3
-    monkeypatch.setattr(shortcut, "MANY_ROWS", 1)
     run = solved(path, subdomains=5, steps=2)
     assert run.status == 0 and run.summary["counts"]["condensed_steps"] > 0
     assert max(run.summary["residuals"].values()) <= 1e-9

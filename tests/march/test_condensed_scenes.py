@@ -15,10 +15,9 @@ from driver.march.step import Trace
 def test_given_friction_bounds_are_no_obstacle(solved, monkeypatch):
     """Tresca's law: one solution whatever the bounds, in steps of a few products."""
     words = {"cells": 6, "subdomains": 5, "steps": 4, "rtol": 1e-9}
-    monkeypatch.setattr(shortcut, "MANY_ROWS", np.inf)
-    later = solved("model-tresca", **words, quiet="no")  # another key
-    monkeypatch.setattr(shortcut, "MANY_ROWS", 1)
     first = solved("model-tresca", **words)
+    monkeypatch.setattr(shortcut, "AT_ONCE", 0)
+    later = solved("model-tresca", **words, quiet="no")  # another key
     assert first.summary["counts"]["condensed_steps"] > 0 and products(first) < products(later) / 3
     assert np.abs(forces(first) - forces(later)).max() <= 1e-5 * np.abs(forces(later)).max()
 
@@ -51,11 +50,10 @@ def test_soft_bodies_on_stiff_ones_are_condensed(solved, named_scene, monkeypatc
     path = named_scene("rubber", RUBBER)
     words = {"soft": soft, "steps": 6, "subdomains": 7, "rtol": 1e-10, "friction_rtol": 1e-9,
              "primal_rtol": 1e-7}
-    monkeypatch.setattr(shortcut, "MANY_ROWS", np.inf)
+    first = solved(path, **words)
+    monkeypatch.setattr(shortcut, "AT_ONCE", 0)
     monkeypatch.setattr(shortcut, "LEAST", np.inf)
     later = solved(path, **words, quiet="no")  # another key
-    monkeypatch.setattr(shortcut, "MANY_ROWS", 1)
-    first = solved(path, **words)
     assert not later.summary["counts"]["condensed_steps"]
     assert first.summary["counts"]["condensed_steps"] >= 3
     assert products(first) < products(later) / 3
@@ -71,19 +69,17 @@ def test_surfaces_that_yield_are_condensed_with_their_tangents(solved, monkeypat
     approximations find, in fewer products.
     """
     tight = {"rtol": 1e-10, "friction_rtol": 1e-9, "primal_rtol": 1e-8}
-    monkeypatch.setattr(shortcut, "MANY_ROWS", np.inf)
+    first = solved(scene, **words, **tight)
+    monkeypatch.setattr(shortcut, "AT_ONCE", 0)
     monkeypatch.setattr(shortcut, "LEAST", np.inf)
     later = solved(scene, **words, **tight, quiet="no")  # another key
-    monkeypatch.setattr(shortcut, "MANY_ROWS", 1)
-    first = solved(scene, **words, **tight)
     assert not later.summary["counts"]["condensed_steps"]
     assert first.summary["counts"]["condensed_steps"] == first.summary["steps"]
     assert products(first) < products(later) / 2
     assert np.abs(forces(first) - forces(later)).max() <= 1e-6 * np.abs(forces(later)).max()
 
 
-def test_what_has_no_contact_has_nothing_to_eliminate_for(solved, monkeypatch):
-    monkeypatch.setattr(shortcut, "MANY_ROWS", 1)
+def test_what_has_no_contact_has_nothing_to_eliminate_for(solved):
     run = solved("cantilever", subdomains=5, cells=3)
     assert run.status == 0 and not run.summary["counts"]["condensed_steps"]
 
@@ -93,10 +89,10 @@ def test_bodies_without_support_are_condensed_with_their_motions(solved, monkeyp
     forces. The same state as approximations end in, for six products a step.
     """
     words = {"h": 0.8, "steps": 6, "subdomains": 5, "uniqueness": "no"}
+    first = solved("joint", **words)
+    monkeypatch.setattr(shortcut, "AT_ONCE", 0)
     later = solved("joint", **words, quiet="no")
     assert not later.summary["counts"]["condensed_steps"]
-    monkeypatch.setattr(shortcut, "MANY_ROWS", 1)
-    first = solved("joint", **words)
     assert first.summary["counts"]["condensed_steps"] == 6 and products(first) <= 6 * 6
     assert first.summary["counts"]["fixed_point_iterations"] == 0
     assert first.summary["residuals"]["equilibrium"] <= 1e-9
@@ -130,7 +126,6 @@ def test_corners_are_condensed_with_the_rows_that_act(solved, named_scene, monke
     path = named_scene("corner", CORNER)
     words = {"cells": 12, "steps": 6, "subdomains": subdomains, "rtol": 1e-10,
              "friction_rtol": 1e-9, "primal_rtol": 1e-7}
-    monkeypatch.setattr(shortcut, "MANY_ROWS", 1)
     first = solved(path, **words)
     assert first.summary["counts"]["condensed_steps"] >= 4
     monkeypatch.setattr(shortcut, "AT_ONCE", 0)
@@ -165,8 +160,7 @@ def test_what_corners_exclude_has_no_force(built, steps_of, named_scene, monkeyp
     assert max(held for held, _ in checked) > 0 and max(left for _, left in checked) == 0
 
 
-def test_steps_of_large_sliding_count_once(solved, monkeypatch):
+def test_steps_of_large_sliding_count_once(solved):
     """However many geometries each is solved about."""
-    monkeypatch.setattr(shortcut, "MANY_ROWS", 1)
     counts = solved("latch", h=0.6, steps=6).summary["counts"]
     assert 0 < counts["condensed_steps"] <= 6 < counts["geometries"]

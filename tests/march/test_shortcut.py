@@ -107,24 +107,20 @@ def test_it_pays_where_more_products_are_to_come_than_its_price(decided):
     assert not decided(np.ones(7), 2) and decided(np.ones(8), 2)
 
 
-def test_it_comes_first_where_many_rows_are_cheap_to_eliminate(decided, monkeypatch):
-    """By sizes alone: rows, the price of the elimination, that of factors of all contact rows."""
+def test_it_comes_first_where_rows_are_cheap_to_eliminate(decided, monkeypatch):
+    """By sizes alone: the price of the elimination, that of factors of all contact rows."""
     way, x = decided.way, np.zeros(decided.way.qp.operator.owned)
     monkeypatch.setattr(way.condensation, "eliminated", False)
-    fronts, rows = way.condensation.elimination, way.condensation.operator.structure.dual_dofs
-    moved = np.ones_like(x)
+    fronts, moved = way.condensation.elimination, np.ones_like(x)
 
-    def first(least_rows=rows, price=shortcut.AT_ONCE, newton=2 * shortcut.AT_ONCE, tried=None,
-              alike=False):
+    def first(price=shortcut.AT_ONCE, newton=2 * shortcut.AT_ONCE, tried=None, alike=False):
         monkeypatch.setattr(type(way.condensation.operator), "alike", alike)
         vars(way).pop("_comes_first", None)
-        monkeypatch.setattr(shortcut, "MANY_ROWS", least_rows)
         monkeypatch.setattr(fronts, "price", price)
         monkeypatch.setattr(fronts, "products", lambda operations: newton)
         return way.begins(None, Trace(shortcut=tried), x, moved, 1e-6)
 
     assert first()
-    assert not first(least_rows=rows + 1)
     assert not first(price=shortcut.AT_ONCE + 1) and not first(newton=2 * shortcut.AT_ONCE + 1)
     assert not first(alike=True)  # products of alike subdomains cost little
     assert not first(tried=False)  # and did not settle
@@ -140,9 +136,9 @@ def test_a_history_of_a_small_body_takes_few_products(solved):
 
 def test_elimination_first_ends_in_the_same_state(solved, monkeypatch):
     """In a step that no approximations precede, for the few products that show it."""
-    later = solved("tutorial", **DRAGGED, quiet="no", friction=0.4)
-    monkeypatch.setattr(shortcut, "MANY_ROWS", 1)
     first = solved("tutorial", **DRAGGED, friction=0.4)
+    monkeypatch.setattr(shortcut, "AT_ONCE", 0)
+    later = solved("tutorial", **DRAGGED, quiet="no", friction=0.4)
     assert first.summary["counts"]["fixed_point_iterations"] == 0 and products(first) <= 8
     assert max(first.summary["residuals"].values()) <= 1e-10
     assert np.abs(forces(first) - forces(later)).max() <= 1e-5 * np.abs(forces(later)).max()
@@ -240,7 +236,7 @@ def test_steps_after_an_elimination_begin_with_newton(built, steps_of, monkeypat
     """Four products each, that of the start, one for the gluing multipliers, one that shows the
     residual and one that says what forces miss, where they took sixty; the answer is the same.
     """
-    monkeypatch.setattr(shortcut, "MANY_ROWS", np.inf)
+    monkeypatch.setattr(shortcut, "AT_ONCE", 0)
     problem = built("tutorial", **DRAGGED_PROBLEM | {"subdomains": 8, "steps": 6})
     solver, short = steps_of(problem)
     assert solver.condensation.eliminated and solver.history.counts["condensed_steps"] == 6
