@@ -22,10 +22,10 @@ FAINT = 1e-3  # part of the motion that rows feel most, below which they hardly 
 class Condensation:
     """Contact rows in the order of the contact nodes, normal ones first, and their compliance.
 
-    Without those that the states of corners exclude: `nodes` (n,) have a normal row. Where a corner
-    is open on both sides and rubs, its normal rows stay, alone and open: `apart` are their places.
-    `guess` is a dual vector near the solution of the first step, `eliminated` whether steps have
-    begun to go by the `elimination`. Collective.
+    Without those that the states of corners exclude and those of nodes that face nothing: `nodes`
+    (n,) have a normal row. Where a corner is open on both sides and rubs, its normal rows stay,
+    alone and open: `apart` are their places. `guess` is a dual vector near the solution of the
+    first step, `eliminated` whether steps have begun to go by the `elimination`. Collective.
     """
 
     operator: DualProblem
@@ -46,16 +46,19 @@ class Condensation:
         return owned, numbers[owned] - first, len(numbers)
 
     def select(self) -> None:
-        """Take the rows that the present states of corners leave."""
+        """Take the rows that act in the present states of corners."""
         contact, corners = self.operator.structure.contact, self.rows.corners
-        rows = [contact.normal_row >= 0, contact.tangential_row >= 0]
+        rows, faces = [contact.normal_row >= 0, contact.tangential_row >= 0], ~contact.idle
+        known = np.concatenate(rows)
+        self._facing = np.concatenate([faces, faces])[known]
+        rows = [have & faces for have in rows]
         apart = np.zeros(len(contact.gid), bool)
         if corners is not None:
-            known = np.concatenate(rows)
             rows = [have & acts for have, acts in zip(rows, corners.act(len(contact.gid)))]
             apart = rows[1] & ~rows[0]
             rows[0] = rows[0] | apart
-            self._acting = np.concatenate(rows)[known]
+        acting = np.concatenate(rows)[known]
+        self._acting = None if acting.all() else acting
         self.nodes, tangential = map(np.flatnonzero, rows)
         self.apart = np.flatnonzero(apart[self.nodes])
         self._rubbing = np.isin(self.rows.tangential_node, tangential)  # of the rank's rows
@@ -94,11 +97,13 @@ class Condensation:
     def place(self, x: np.ndarray, into: np.ndarray) -> np.ndarray:
         """The dual vector `into` with its contact part replaced by x (n + m,).
 
-        Rows that the states of corners exclude have no force.
+        Rows that the states of corners exclude, and those that face nothing, have no force.
         """
         moved, (own, places, _) = into.copy(), self._acts
         if self.rows.corners is not None:
             moved[self.rows.corners.excluded] = 0.0
+        if self.rows.idle is not None:
+            moved[self.rows.idle] = 0.0
         moved[places] = x[own]
         return moved
 
@@ -124,9 +129,9 @@ class Condensation:
 
         As the turning of a disc that sides, which are not quite round, hold in its hole.
         """
-        if not self.operator.modes or not self.total:
+        if not self.operator.modes or not self._facing.any():
             return False
-        motions = self._every_motion
+        motions = self._every_motion[self._facing]
         reach = np.abs(motions).max(axis=0)
         sizes = np.linalg.svd(motions / np.where(reach > 0, reach, 1.0), compute_uv=False)
         return bool(((sizes > SLIGHT) & (sizes < FAINT * sizes[0])).any())
@@ -147,7 +152,7 @@ class Condensation:
 
     def _of_acting(self, values: np.ndarray) -> np.ndarray:
         """(n + m, ...) of `values` (contact rows, ...) those of the rows that act."""
-        return values if self.rows.corners is None else values[self._acting]
+        return values if self._acting is None else values[self._acting]
 
     def glued(self, d: np.ndarray, x: np.ndarray,
               gradient: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -204,7 +209,7 @@ class Condensation:
             if self.operator.softness is not None:
                 own = self._gathered(self.operator.softness, self._every)
                 self._selected = self._compliance + np.diag(own)
-            if self.rows.corners is not None:
+            if self._acting is not None:
                 self._selected = self._selected[np.ix_(self._acting, self._acting)]
             own = self._selected[self.apart, self.apart]
             self._selected[self.apart] = self._selected[:, self.apart] = 0.0
@@ -230,7 +235,7 @@ class Condensation:
         if pair is None:
             return None
         x = self.place(pair[0], x)
-        if self.rows.corners is not None:  # what they exclude moves, too
+        if self._acting is not None:  # what does not act moves, too
             return x, self.operator.apply(x) - load.d
         return x, self.place(-pair[1], x)
 

@@ -56,7 +56,7 @@ class Shortcut:
         freely could be anywhere: it is to move as little as it may.
         """
         moves = self.rows.corners is not None and self.qp.operator.modes > 0
-        if self.rows.idle is not None or moves and self.rows.offset is not None:
+        if not self.condensation.size or moves and self.rows.offset is not None:
             return False
         elimination = self.condensation.elimination
         if elimination is None or not elimination.fits or self.condensation.hardly_felt:

@@ -107,11 +107,12 @@ def condensed(first: int, last: int, allgather) -> Condensation:
     one of them without friction.
     """
     contact = SimpleNamespace(gid=np.arange(3), normal_row=np.array([6, 1, 4]),
-                              tangential_row=np.array([7, -1, 2]))
+                              tangential_row=np.array([7, -1, 2]), idle=np.zeros(3, bool))
     own = [k for k in (0, 2) if first <= contact.tangential_row[k] < last]
     operator = SimpleNamespace(structure=SimpleNamespace(contact=contact, row_range=(first, last)),
                                comm=SimpleNamespace(size=2, allgather=allgather))
-    return Condensation(operator, SimpleNamespace(corners=None, tangential_node=np.array(own)))
+    return Condensation(operator, SimpleNamespace(corners=None, idle=None,
+                                                  tangential_node=np.array(own)))
 
 
 def test_contact_parts_of_dual_vectors_go_there_and_back():
@@ -137,7 +138,7 @@ def test_a_guess_is_tried_once_before_the_states_at_hand(monkeypatch, near):
     one, tried = object.__new__(Condensation), []
     guess, x = np.array([0.5, 0.25]), np.array([9.0, 8.0])
     one.guess, one.apart, one._rubbing = guess, np.zeros(0, int), np.array([1, 0])
-    one.rows, one.operator = SimpleNamespace(corners=None), SimpleNamespace(products=0)
+    one._acting, one.operator = None, SimpleNamespace(products=0)
     problem = SimpleNamespace(movement=lambda z: z + 1.0, products=3,
                               states_of=lambda start, signs: (start.tolist(), signs.tolist()))
     monkeypatch.setattr(Condensation, "problem", lambda *_: problem)
@@ -166,13 +167,13 @@ def test_the_gradient_of_a_condensed_solution_is_that_of_the_operator(monkeypatc
     solution = np.array([0.5, 0.25, 0.75])
     one = object.__new__(Condensation)
     one.guess, one.apart, one._rubbing = None, np.zeros(0, int), np.zeros(0, bool)
-    one.rows = SimpleNamespace(corners=SimpleNamespace(excluded=excluded) if excluded else None)
+    one.rows = SimpleNamespace(corners=SimpleNamespace(excluded=excluded), idle=None)
     one.operator = SimpleNamespace(products=0, apply=lambda x: F @ x)
     monkeypatch.setattr(Condensation, "problem", lambda *_: SimpleNamespace(
         states_of=lambda *_: None, products=2))
     monkeypatch.setattr(Condensation, "gather", lambda _, x: x)
     acts = np.setdiff1d(np.arange(3), excluded)
-    one._acts = acts, acts, len(acts)
+    one._acts, one._acting = (acts, acts, len(acts)), acts if excluded else None
     moved = d - F @ solution
     monkeypatch.setattr(complementarity, "settled", lambda *_: (solution, moved))
     x, gradient = one.solution(SimpleNamespace(d=d), np.zeros(3), -d, np.zeros(0))

@@ -41,7 +41,8 @@ class Dense:
         self.comm, self.softness, self.rho, self.levels = MPI.COMM_SELF, None, None, 1
         self.contact_rows_only, self.row_level = False, np.zeros(len(F), int)
         contact = SimpleNamespace(normal_row=np.arange(N), tangential_row=N + np.arange(N),
-                                  gid=np.arange(N), motion=None, weight=np.ones(N))
+                                  gid=np.arange(N), motion=None, weight=np.ones(N),
+                                  idle=np.zeros(N, bool))
         self.structure = SimpleNamespace(contact=contact, row_range=(0, len(F)), patterns=1,
                                          dual_dofs=len(F))
 

@@ -329,16 +329,17 @@ def test_where_a_search_begins_with_newton(decided, eliminated, tried, begins, m
 
 
 @pytest.mark.parametrize("changed", [
-    {"idle": np.arange(1)}, {"elimination": None},
+    {"size": 0}, {"elimination": None},
     {"corners": object(), "offset": np.ones(2), "modes": 1},
     {"elimination": SimpleNamespace(fits=False)}, {"hardly_felt": True},
     {"coefficient_changes": True}, {"coefficient": np.array([0.3, 0.9])}])
 def test_where_it_is_not_possible(changed):
-    """Slip changes friction: the problem is another one in every iteration. Nor where there is
-    nothing to eliminate, no room for its factors, perhaps more than one solution, a motion that
-    rows resist by next to nothing, or corners in which a loose body may rub without pressure.
+    """Slip changes friction: the problem is another one in every iteration. Nor where no node faces
+    anything, there is nothing to eliminate, no room for its factors, perhaps more than one
+    solution, a motion that rows resist by next to nothing, or corners in which a loose body may rub
+    without pressure.
     """
-    known = {"idle": None, "corners": None, "offset": None, "modes": 0, "hardly_felt": False,
+    known = {"size": 4, "corners": None, "offset": None, "modes": 0, "hardly_felt": False,
              "elimination": SimpleNamespace(fits=True), "coefficient_changes": False,
              "coefficient": np.array([0.3, 0.8])}
     for given, expected in ((known, True), (known | changed, False)):
