@@ -63,15 +63,15 @@ def refusal(said: str, scene: Path) -> str:
     named = [first, *(name for room in rooms.rooms() if room.column == first
                       for name in room.declared_by)]
     for name in named:
-        if name in rooms.vocabulary() and _places(scene, rf"macro {name}\b"):
-            return f"{_place(scene, rf'macro {name}')}: {said}"
+        if name in rooms.vocabulary() and grammar.places(scene, rf"macro {name}\b"):
+            return f"{grammar.place(scene, rf'macro {name}')}: {said}"
     if twice := re.match(r"the parameter ('\w+') is read twice", said):
         quoted = twice[1].replace("'", '"')
-        return f"{_place(scene, quoted, -1)}: {said}"
+        return f"{grammar.place(scene, quoted, -1)}: {said}"
     if re.match(r"(rectangle|rotate|units|quasistatic|addBody|bodyMaterial)\b", said):
-        return f"{_uses(scene, first, -1 if 'twice' in said else 0)}: {said}"
+        return f"{grammar.uses(scene, first, -1 if 'twice' in said else 0)}: {said}"
     if file := re.search(r"[\w./-]+\.(?:geo|msh)\b", said):
-        return f"{_place(scene, re.escape(file[0]))}: {said}"
+        return f"{grammar.place(scene, re.escape(file[0]))}: {said}"
     found = placed(said, scene)
     return found if found != said else f"{scene.name}: {said}"
 
@@ -128,16 +128,18 @@ def _compilation(output: str, scene: Path, folder: Path) -> str:
     if mistaken := re.search(r"Error in macro expansion (\w+)", output):
         return _wrong_call(mistaken[1], scene)
     if twice := re.search(r"ERREUR in macro name:(\w+)", output):
-        if re.fullmatch(r"c[123]{2}", twice[1]) and _places(scene, r"macro young\b"):
-            return (f"{_place(scene, rf'macro {twice[1]}')}: young and {twice[1]} are both "
+        if re.fullmatch(r"c[123]{2}", twice[1]) and grammar.places(scene, r"macro young\b"):
+            return (f"{grammar.place(scene, rf'macro {twice[1]}')}: young and {twice[1]} are both "
                     "declared: a material is given by one or the other")
-        return f"{_place(scene, rf'macro {twice[1]}', -1)}: the macro {twice[1]} is defined twice"
+        last = grammar.place(scene, rf"macro {twice[1]}", -1)
+        return f"{last}: the macro {twice[1]} is defined twice"
     error = COMPILE_ERROR.search(output)
     if unknown := re.search(r"The Identifier (\w+) does not exist", output):
         return _unknown(unknown[1], error, scene)
     if error and "lex: Error input opening file" in output:
         missing = error[4].strip()
-        return f"{_place(scene, re.escape(missing))}: the included file {missing} is not there"
+        place = grammar.place(scene, re.escape(missing))
+        return f"{place}: the included file {missing} is not there"
     lines = [line.strip() for line in output.splitlines() if line.strip()]
     if not error:
         number = re.search(r"current line = (\d+)", output)
@@ -161,16 +163,16 @@ def _misunderstood(error: re.Match, lines: list[str], scene: Path, folder: Path)
         return _wrong_content(declared, scene)
     remedy = _mixed(wrapper, scene, path.name, int(number))
     if wrapper in rooms.vocabulary():
-        return (f"{_place(scene, rf'macro {wrapper}')}: FreeFEM does not understand "
+        return (f"{grammar.place(scene, rf'macro {wrapper}')}: FreeFEM does not understand "
                 f"{wrapper}{token}{remedy}")
     if wrapper in dict(library_words()):
         if place := _after_unfinished(scene, wrapper):
             return f"{place} lacks its ;"
-        return (f"{_uses(scene, wrapper)}: FreeFEM does not understand what {wrapper} is "
+        return (f"{grammar.uses(scene, wrapper)}: FreeFEM does not understand what {wrapper} is "
                 f"given{token}")
     if name := _holding(error[4].strip(), path, scene):
-        return (f"{_place(scene, rf'macro {name}')}: FreeFEM does not understand {name}{token}"
-                f"{remedy}")
+        return (f"{grammar.place(scene, rf'macro {name}')}: FreeFEM does not understand "
+                f"{name}{token}{remedy}")
     if path.suffix not in (".edp", ".idp"):  # the end of the file
         path = scene
     said = next((words for start, words in MISTAKES if any(map(start.match, lines))), "")
@@ -213,7 +215,8 @@ def _content_read(path: Path, number: int, scene: Path) -> str:
     for library in environment.LIBRARY.rglob(path.name):
         line = "".join(library.read_text().splitlines()[number - 1 : number]).split("//")[0]
         taken = re.search(r"= \[?(\w+)\]?;", line)
-        if taken and taken[1] in rooms.vocabulary() and _places(scene, rf"macro {taken[1]}\b"):
+        known = taken and taken[1] in rooms.vocabulary()
+        if known and grammar.places(scene, rf"macro {taken[1]}\b"):
             return taken[1]
     return ""
 
@@ -303,25 +306,25 @@ def _unknown(name: str, error: re.Match | None, scene: Path) -> str:
     elif name in ("c11", "c12", "c13", "c22", "c23", "c33"):
         return (f"{scene.name}: the scene declares no {name}: a material is given by young and "
                 "poisson or by all of c11, c12, c13, c22, c23, c33")
-    elif _places(scene, rf"\b(physical|choice|whole)\s*\(\s*{name}\b"):
+    elif grammar.places(scene, rf"\b(physical|choice|whole)\s*\(\s*{name}\b"):
         hint = "; is it a name that belongs in quotes?"
     elif name in rooms.vocabulary():
         macro = next(macro for macro in rooms.all_macros() if name in macro.names)
         return f"{scene.name}: the scene must give {name}: {macro.text}"
-    elif not _uses(scene, name, default=""):
+    elif not grammar.uses(scene, name, default=""):
         where = f"{Path(error[3]).name} line {error[1]}" if error else scene.name
         return f"FreeFEM failed in {where}: the name '{name}' is not declared"
     else:
         hint = script.hint(name, [word for word, _ in library_words()])
         if hint.endswith(f" {name}?"):
             hint = "; is it a name that belongs in quotes?"
-    return f"{_uses(scene, name)}: the name '{name}' is not declared{hint}"
+    return f"{grammar.uses(scene, name)}: the name '{name}' is not declared{hint}"
 
 
 def _wrong_call(name: str, scene: Path) -> str:
     """A macro that is called with another number of arguments than it has."""
     form = dict(library_words()).get(name)
-    place = _uses(scene, name)
+    place = grammar.uses(scene, name)
     return f"{place}: {name} is called with a wrong number of arguments" + (
         f": it is {name}{form}" if form else "")
 
@@ -331,8 +334,8 @@ def _wrong_content(name: str, scene: Path) -> str:
     macro = next(macro for macro in rooms.all_macros() if name in macro.names)
     given = next((" ".join(each.content.split()) for source in grammar.sources(scene)
                   for each in grammar.definitions(source) if each.name == name), "")
-    return (f"{_place(scene, rf'macro {name}')}: the macro {name} cannot be  {given}: it expects "
-            f"{macro.text}")
+    return (f"{grammar.place(scene, rf'macro {name}')}: the macro {name} cannot be  {given}: it "
+            f"expects {macro.text}")
 
 
 # ---- while FreeFEM runs the scene ----------------------------------------------------------------
@@ -347,9 +350,10 @@ def _execution(output: str, status: int, scene: Path, retrace) -> str:
     if "dlerror" in output:
         plugin = re.search(r"dlerror : (\S+?)\.so", output)
         name = plugin[1] if plugin else ""
-        return f"{_place(scene, rf'load.*{name}')}: FreeFEM has no plugin {name}"
+        return f"{grammar.place(scene, rf'load.*{name}')}: FreeFEM has no plugin {name}"
     if same := SAME_PLACE.search(output):
-        return f"{_place(scene, '[.](geo|msh)')}: two points of the mesh at ({same[1]}): {APART}"
+        file = grammar.place(scene, "[.](geo|msh)")
+        return f"{file}: two points of the mesh at ({same[1]}): {APART}"
     meaning = next((words for pattern, words in MEANINGS if re.search(pattern, output)), "")
     if killed:
         said = f"FreeFEM was killed by signal {killed}"
@@ -362,39 +366,27 @@ def _execution(output: str, status: int, scene: Path, retrace) -> str:
     traced = [] if killed in (2, 9, 15) else EVALUATING.findall(retrace())
     bodies, now = traced.count("addBody"), traced[-1] if traced else ""
     if now in rooms.vocabulary() and "end" not in traced:
-        place = _place(scene, rf"macro {now}\b")
+        place = grammar.place(scene, rf"macro {now}\b")
         if now == "obstacle" and "Div by 0" in output:
             reason = ("it is the same everywhere about a place where it is asked for, and gives no "
                       "direction there")
         return f"{place}: {now} cannot be evaluated: {reason}"
     if bodies and now == "addBody":
-        return f"{_uses(scene, 'addBody', bodies - 1)}: this body cannot be made: {reason}"
+        return f"{grammar.uses(scene, 'addBody', bodies - 1)}: this body cannot be made: {reason}"
     where = scene.name
     if number and ("export" not in traced or now == "end"):
-        # a line of a file of the library, where the scene's own have not as many
-        files = [source.path for source in grammar.sources(scene)]
-        where = " or ".join(f"{path.name} line {number[1]}" for path in files
-                            if len(path.read_text().splitlines()) >= int(number[1])) or where
+        where = _at(scene, int(number[1]))
     return f"FreeFEM failed in {where} (exit {status}): {reason}"
 
 
-# ---- places in the scene -------------------------------------------------------------------------
+def _at(scene: Path, number: int) -> str:
+    """The files that have a line of this number; where it draws a border, what meshes that.
 
-def _places(scene: Path, pattern: str) -> list[str]:
-    """File and line of every line of the scene's code that a pattern is in."""
-    return [f"{source.path.name} line {number}" for source in grammar.sources(scene)
-            for number, line in enumerate(source.code, 1) if re.search(pattern, line)]
-
-
-def _place(scene: Path, pattern: str, which: int = 0) -> str:
-    """One of these places; the scene's name if there is none."""
-    places = _places(scene, pattern)
-    return places[which] if places else scene.name
-
-
-def _uses(scene: Path, name: str, which: int = 0, default: str | None = None) -> str:
-    """A line where a name is used."""
-    places = _places(scene, rf"\b{name}\b")
-    if not places:
-        return scene.name if default is None else default
-    return places[min(which, len(places) - 1)]
+    It is one of a file of the library where the scene's own have not as many.
+    """
+    sources = [source for source in grammar.sources(scene) if len(source.code) >= number]
+    for source in sources:
+        if border := re.match(r"\s*border\s+(\w+)", source.code[number - 1]):
+            meshed = grammar.uses(scene, "buildmesh")
+            return grammar.uses(scene, rf"buildmesh\b.*\b{border[1]}", default=meshed)
+    return " or ".join(f"{source.path.name} line {number}" for source in sources) or scene.name

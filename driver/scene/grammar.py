@@ -320,3 +320,25 @@ def declared_names(declarators: str) -> list[str]:
     """Names that a declaration gives after its type: a and d of `a = f(b, c), d(1)`."""
     declarators = _without_nested(declarators)
     return re.findall(r"(?:^|,)\s*&?\s*(\w+)", declarators)
+
+
+# ---- places in the scene -------------------------------------------------------------------------
+
+def places(scene: Path, pattern: str) -> list[str]:
+    """File and line of every line of the scene's code that a pattern is in."""
+    return [f"{source.path.name} line {number}" for source in sources(scene)
+            for number, line in enumerate(source.code, 1) if re.search(pattern, line)]
+
+
+def place(scene: Path, pattern: str, which: int = 0) -> str:
+    """One of these places; the scene's name if there is none."""
+    found = places(scene, pattern)
+    return found[which] if found else scene.name
+
+
+def uses(scene: Path, name: str, which: int = 0, default: str | None = None) -> str:
+    """A line where a name is used."""
+    found = places(scene, rf"\b{name}\b")
+    if not found:
+        return scene.name if default is None else default
+    return found[min(which, len(found) - 1)]

@@ -320,6 +320,17 @@ def test_bodies_that_are_none(said, text, words):
     assert words in said((BODY[0], text), parameters={})
 
 
+def test_a_border_that_cannot_be_meshed_is_named_where_it_is(said):
+    """A slit that is too thin: FreeFEM says the line that draws the first border."""
+    drawn = """border a(t=0, 2*pi) {x = 9*cos(t); y = 9*sin(t); label = 1;}
+border b(t=-1, 1) {x = t; y = 1e-3*(1 - t^2); label = 2;}
+border c(t=1, -1) {x = t; y = -1e-3*(1 - t^2); label = 3;}
+
+body = buildmesh(a(60) + b(20) + c(20));"""
+    message = said((BODY[0], drawn), parameters={})
+    assert place(message) == line_of(BODY[0]) + 4 and "cannot work with" in message
+
+
 @pytest.mark.parametrize("name, value", [
     ("subdomains", "999999x999999"), ("subdomains", "4294967297"), ("cells", "1000000"),
     ("steps", "1000000000")])
