@@ -234,8 +234,8 @@ STUDIES = (
                             "stages", "ranks", "studies", "bodies"), None, STUDY, ("bench",),
            "parts of the benchmark", "all"),
     Option("large", YES_NO, False, STUDY, ("bench",),
-           "GetFEM at h = 1/160 and 1/320 too, which takes half an hour, and PARTS=geometry at "
-           "1,000,000 dofs"),
+           "GetFEM at h = 1/160, 1/320 and on an own mesh of 85,000 dofs too, which takes half an "
+           "hour, and PARTS=geometry at 1,000,000 dofs"),
     Option("family", several("material", "geometry", "contact", "friction", "scale", "support",
                              "bodies", "element", "algorithm", "environment", "random"), None,
            STUDY, ("hard",), "families of cases; random: scenes drawn from seeds", "all"),

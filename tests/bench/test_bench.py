@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from conftest import load_response
 
-from driver.bench import direct, factorization, geometry, ranks, roofline, suite, tao
+from driver.bench import direct, factorization, geometry, peers, ranks, roofline, suite, tao
 from driver.bench.workbench import Report, Workbench, in_turn, march, ratios
 from driver.errors import InputError
 from driver.feti.rows import RowKind
@@ -87,6 +87,17 @@ def test_peers_reach_the_tolerance_on_the_same_problem(bench, name):
     products, converged = tao.theirs(name, operator, d, bounds, solver.qp.bound)
     assert converged and products > 10
     assert tao.ours(operator, d, bounds, solver) < products
+
+
+def test_the_block_on_an_own_mesh_is_the_model_example(solved, tmp_path):
+    """The same resultants as on equal pieces, to what so coarse meshes leave open."""
+    scene = peers._own_mesh(tmp_path)  # pylint: disable=protected-access
+    own = solved(str(scene), loading="nonmonotone", h=0.05, steps=4, friction=0.3)
+    pieces = solved("model", loading="nonmonotone", cells=10, steps=4)
+    assert own.summary["parameters"]["subdomains"] == "auto"
+    for name in ("resultant_n", "resultant_t"):
+        a, b = own.history[name][-1], pieces.history[name][-1]
+        assert abs(a - b) <= 0.02 * abs(b)
 
 
 def test_a_solver_that_uses_too_many_products_has_failed(bench, monkeypatch):
