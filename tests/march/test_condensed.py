@@ -102,16 +102,17 @@ def test_forces_that_hide_the_loads_are_no_start(built, steps_of, named_scene, m
     assert max(steps[-1].residuals.values()) <= 1e-6
 
 
-def condensed(first: int, last: int, allgather) -> Condensation:
+def condensed(first: int, last: int, allgather, idle=(False, False, False)) -> Condensation:
     """Of one of two ranks, which owns the dual rows `first`, ..., `last` - 1; three contact nodes,
-    one of them without friction.
+    one of them without friction, `idle` those that face nothing.
     """
     contact = SimpleNamespace(gid=np.arange(3), normal_row=np.array([6, 1, 4]),
-                              tangential_row=np.array([7, -1, 2]), idle=np.zeros(3, bool))
+                              tangential_row=np.array([7, -1, 2]), idle=np.array(idle))
     own = [k for k in (0, 2) if first <= contact.tangential_row[k] < last]
     operator = SimpleNamespace(structure=SimpleNamespace(contact=contact, row_range=(first, last)),
                                comm=SimpleNamespace(size=2, allgather=allgather))
-    return Condensation(operator, SimpleNamespace(corners=None, idle=None,
+    rows = np.concatenate([contact.normal_row[contact.idle], contact.tangential_row[contact.idle]])
+    return Condensation(operator, SimpleNamespace(corners=None, idle=rows - first,
                                                   tangential_node=np.array(own)))
 
 
@@ -130,6 +131,18 @@ def test_contact_parts_of_dual_vectors_go_there_and_back():
         changed = np.where(np.isin(np.arange(8), [6, 1, 4, 7, 2]), -whole, whole)[first:last]
         np.testing.assert_array_equal(placed, changed)
         assert one.pair.tolist() == [0, 2] and not one.apart.size and one.size == 5
+
+
+def test_nodes_that_face_nothing_do_not_act():
+    """Their rows are left out, and have no force."""
+    whole = np.arange(8.0) ** 2
+    one = condensed(0, 8, lambda part: [part], idle=(True, False, False))
+    assert one.nodes.tolist() == [1, 2] and one.pair.tolist() == [1]
+    assert (one.size, one.total) == (3, 5)
+    np.testing.assert_array_equal(one.gather(whole), whole[[1, 4, 2]])
+    placed = one.place(-whole[[1, 4, 2]], whole)
+    np.testing.assert_array_equal(placed, np.where(np.arange(8) >= 6, 0.0, placed))
+    assert placed[[1, 4, 2]].tolist() == [-1.0, -16.0, -4.0]
 
 
 @pytest.mark.parametrize("near", [True, False])
