@@ -227,13 +227,18 @@ class DualOperator(DualProblem):
 
     @property
     def alike(self) -> bool:
-        """Whether most subdomains, of all ranks, are like others; collective.
-
-        Equal in all, or cut alike: of few pieces each has supports or neighbours of its own.
-        """
-        subdomains = self.structure.subdomains
-        shared = sum(c.shared or subdomains[s].cut_alike for c in self.classes for s in c.members)
+        """Whether most subdomains, of all ranks, are some of several equal ones; collective."""
+        shared = sum(len(c.members) for c in self.classes if c.shared)
         return 2 * self.comm.allreduce(shared) > self.structure.total
+
+    @property
+    def cut_alike(self) -> bool:
+        """Whether most subdomains, of all ranks, are pieces of a rectangle cut alike; collective.
+
+        Of few pieces each has supports or neighbours of its own, and none are equal in all.
+        """
+        pieces = sum(sub.cut_alike for sub in self.structure.subdomains)
+        return 2 * self.comm.allreduce(pieces) > self.structure.total
 
     def preconditioner(self) -> DirichletPreconditioner:
         """The Dirichlet preconditioner of F."""

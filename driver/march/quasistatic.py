@@ -316,14 +316,16 @@ class QuasistaticSolver:
 
     def _examine(self, index: int, load: Load, x, gradient, trace: Trace) -> None:
         """Look for other solutions of the step where there is reason to; see `uniqueness`."""
-        search, choice, nodes = self.uniqueness, self.settings.uniqueness, self.condensation.n
+        search, choice, nodes = self.uniqueness, self.settings.uniqueness, self.condensation.nodes
+        # a run is examined or it is not: all nodes count, also those that face nothing in this step
+        count = np.count_nonzero(self.operator.structure.contact.normal_row >= 0)
         self.doubtful = self.doubtful or trace.fallback
         if not search.frictional or search.failure or (
-                not worthwhile(choice, nodes, self.largest_friction, self.doubtful)):
+                not worthwhile(choice, count, self.largest_friction, self.doubtful)):
             return
         changes = self.effects.coefficient_changes or self.effects.closes
-        search.failure = CHANGING if changes else too_many(nodes)
-        if search.failure:
+        search.failure = CHANGING if changes else too_many(count)
+        if search.failure or not len(nodes):
             return
         clock = time.perf_counter()
         try:
@@ -331,7 +333,7 @@ class QuasistaticSolver:
         except NotConverged as error:
             search.failure = str(error)
             return
-        weight = self.operator.structure.contact.weight[self.condensation.nodes]
+        weight = self.operator.structure.contact.weight[nodes]
         search.examine(index, problem, self.condensation.gather(x), weight,
                        self.rows.corners is None, self.residuals.least_forces)
         spent = time.perf_counter() - clock

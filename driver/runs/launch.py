@@ -146,7 +146,7 @@ def _why_no_answer(done: subprocess.CompletedProcess) -> DriverError:
     """The error that mpirun and its ranks tell of; a traceback goes to a log."""
     if "Traceback" in done.stderr:
         last = next(line for line in done.stderr.partition("Traceback")[2].splitlines()[1:]
-                    if line[:1].strip())
+                    if line[:1].strip() and not line.startswith("Traceback"))
         return Defect(defect_line(f"{last} on a rank of the solver", done.stderr))
     return InputError(_why_it_died(done))
 

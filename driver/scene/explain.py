@@ -375,18 +375,20 @@ def _execution(output: str, status: int, scene: Path, retrace) -> str:
         return f"{grammar.uses(scene, 'addBody', bodies - 1)}: this body cannot be made: {reason}"
     where = scene.name
     if number and ("export" not in traced or now == "end"):
-        where = _at(scene, int(number[1]))
+        where = _at(scene, int(number[1]), meshed="Exec error" not in output)
     return f"FreeFEM failed in {where} (exit {status}): {reason}"
 
 
-def _at(scene: Path, number: int) -> str:
-    """The files that have a line of this number; where it draws a border, what meshes that.
+def _at(scene: Path, number: int, meshed: bool) -> str:
+    """The files that have a line of this number; where it draws a border that is `meshed`, where.
 
     It is one of a file of the library where the scene's own have not as many.
     """
     sources = [source for source in grammar.sources(scene) if len(source.code) >= number]
     for source in sources:
-        if border := re.match(r"\s*border\s+(\w+)", source.code[number - 1]):
-            meshed = grammar.uses(scene, "buildmesh")
-            return grammar.uses(scene, rf"buildmesh\b.*\b{border[1]}", default=meshed)
+        border = re.match(r"\s*border\s+(\w+)", source.code[number - 1])
+        for mesh in re.finditer(r"\bbuildmesh\b[^;]*", "\n".join(source.code)):
+            if meshed and border and re.search(rf"\b{border[1]}\b", mesh[0]):
+                line = mesh.string.count("\n", 0, mesh.start()) + 1
+                return f"{source.path.name} line {line}"
     return " or ".join(f"{source.path.name} line {number}" for source in sources) or scene.name

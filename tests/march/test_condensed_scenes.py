@@ -206,3 +206,35 @@ def test_nodes_that_face_nothing_are_left_out(solved, named_scene, monkeypatch):
     assert not later.summary["counts"]["condensed_steps"]
     assert products(first) < 0.25 * products(later)
     assert np.abs(forces(first) - forces(later)).max() <= 1e-5 * np.abs(forces(later)).max()
+
+
+PUNCH = """// a punch beside a block comes over it, is pressed on it and leaves it
+include "scene.idp"
+units("mm", "MPa");
+addBody(square(10, 4, [10.*x, 4.*y - 4.]));
+int[int] own = [11, 12, 13, 14];
+addBody(square(5, 3, [14. + 4.*x, 0.2 + 3*y], label = own));
+quasistatic(4.);
+macro young() 2000. //
+macro poisson() 0.35 //
+macro support() on(1, u1 = 0., u2 = 0.) //
+macro displacement1() on(13, u1 = -7., u2 = 0.) //
+macro amplitude1(t) (t < 1. ? t : (t < 3. ? 1. : 4. - t)) //
+macro displacement2() on(13, u1 = 0., u2 = -0.22) //
+macro amplitude2(t) (t < 1. ? 0. : (t < 2. ? t - 1. : max(0., 3. - t))) //
+macro contactPair() 11, 3 //
+macro largeSliding() 20. //
+macro friction() 0.3 //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("choice, verdict", [("yes", "no second solution found"),
+                                             ("auto", "not examined")])
+def test_steps_in_which_nothing_faces_anything(solved, named_scene, choice, verdict):
+    """They leave nothing to examine, and no claim on those that are not examined."""
+    run = solved(named_scene("beside", PUNCH), steps=8, subdomains=5, uniqueness=choice)
+    assert run.status == 0, run.reason
+    open_, all_of_them = run.history["nodes_open"], run.history["nodes_open"].max()
+    assert (open_ == all_of_them).any() and (open_ < all_of_them).any()
+    assert run.summary["uniqueness"]["verdict"] == verdict

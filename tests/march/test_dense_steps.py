@@ -35,6 +35,7 @@ class Dense:
     """Operator of a dense dual matrix."""
 
     uneven, jumps = False, DualProblem.jumps
+    alike = True
 
     def __init__(self, F: np.ndarray):
         self.F, self.owned, self.products, self.modes, self.travels = F, len(F), 0, 0, {}

@@ -113,8 +113,11 @@ def test_it_comes_first_where_rows_are_cheap_to_eliminate(decided, monkeypatch):
     monkeypatch.setattr(way.condensation, "eliminated", False)
     fronts, moved = way.condensation.elimination, np.ones_like(x)
 
-    def first(price=shortcut.AT_ONCE, newton=2 * shortcut.AT_ONCE, tried=None, alike=False):
+    def first(price=shortcut.AT_ONCE, newton=2 * shortcut.AT_ONCE, tried=None, alike=False,
+              cut_alike=False, published=300):
         monkeypatch.setattr(type(way.condensation.operator), "alike", alike)
+        monkeypatch.setattr(type(way.condensation.operator), "cut_alike", cut_alike)
+        monkeypatch.setattr(shortcut, "PUBLISHED", published)
         vars(way).pop("_comes_first", None)
         monkeypatch.setattr(fronts, "price", price)
         monkeypatch.setattr(fronts, "products", lambda operations: newton)
@@ -123,6 +126,9 @@ def test_it_comes_first_where_rows_are_cheap_to_eliminate(decided, monkeypatch):
     assert first()
     assert not first(price=shortcut.AT_ONCE + 1) and not first(newton=2 * shortcut.AT_ONCE + 1)
     assert not first(alike=True)  # products of alike subdomains cost little
+    rows = way.condensation.operator.structure.dual_dofs
+    assert first(cut_alike=True, published=rows) and first(published=rows + 1)
+    assert not first(cut_alike=True, published=rows + 1)
     assert not first(tried=False)  # and did not settle
     assert not way.begins(None, Trace(), x, np.zeros_like(x), 1e-6)  # x is the solution
 

@@ -329,6 +329,9 @@ border c(t=1, -1) {x = t; y = -1e-3*(1 - t^2); label = 3;}
 body = buildmesh(a(60) + b(20) + c(20));"""
     message = said((BODY[0], drawn), parameters={})
     assert place(message) == line_of(BODY[0]) + 4 and "cannot work with" in message
+    message = said((BODY[0], drawn.replace("t; y = -1e-3", "t; y = 1./(t - t) - 1e-3")),
+                   parameters={})
+    assert place(message) == line_of(BODY[0]) + 2 and "division by zero" in message
 
 
 @pytest.mark.parametrize("name, value", [
