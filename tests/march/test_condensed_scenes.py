@@ -233,7 +233,7 @@ include "export.idp"
                                              ("auto", "not examined")])
 def test_steps_in_which_nothing_faces_anything(solved, named_scene, choice, verdict):
     """They leave nothing to examine, and no claim on those that are not examined."""
-    run = solved(named_scene("beside", PUNCH), steps=8, subdomains=5, uniqueness=choice)
+    run = solved(named_scene("beside", PUNCH), steps=12, subdomains=5, uniqueness=choice)
     assert run.status == 0, run.reason
     open_, all_of_them = run.history["nodes_open"], run.history["nodes_open"].max()
     assert (open_ == all_of_them).any() and (open_ < all_of_them).any()
