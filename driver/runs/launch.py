@@ -62,10 +62,14 @@ class Ranks:
             self._stack.__exit__(*error)
 
     def prepare(self) -> bool:
-        """Start ranks or load the stage here; whether to call again, as their number is open.
+        """Start ranks or load the stage here; whether to call again, as their number is open or to
+        see whether they live.
 
-        It is known once FreeFEM has the mesh. Raises InputError if a package is missing.
+        It is known once FreeFEM has the mesh. Raises InputError if a package is missing or a rank
+        has died.
         """
+        if self._waiting and self._child.poll() is not None:
+            self._answer()  # there is none
         if self.number is None and (size := freefem.announced(self.work / "export")):
             self.number = ranks_for(*size)
         if (self.number or 1) > 1:
@@ -73,7 +77,7 @@ class Ranks:
         elif not self._loaded:
             load(self.stage)
             self._loaded = True
-        return self.number is None
+        return self.number is None or self._waiting
 
     def solve(self, request: Request, manifest: Manifest | None = None) -> tuple[int, str]:
         """Run the stage; exit status and reason. The size is that of the export of `manifest`.

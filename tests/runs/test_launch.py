@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from driver import cli, environment
+from driver.errors import InputError
 from driver.runs import launch, run
 from driver.scene import freefem
 
@@ -69,9 +70,19 @@ def test_ranks_that_wait_end_with_a_run_that_comes_to_nothing(tmp_path):
     """By themselves, without a word: stopped by mpirun they would take two seconds."""
     with pytest.raises(ZeroDivisionError):
         with launch.Ranks(tmp_path, run.solver, 2) as ranks:
-            assert not ranks.prepare()
+            assert ranks.prepare() and ranks.prepare()
             raise ZeroDivisionError
     assert ranks._child.returncode == 0 and not list(tmp_path.iterdir())
+
+
+def test_ranks_that_die_while_they_wait_end_the_run(tmp_path):
+    """At once: FreeFEM may have a long way to go."""
+    with pytest.raises(InputError, match="was killed"):
+        with launch.Ranks(tmp_path, run.solver, 2) as ranks:
+            assert ranks.prepare()
+            ranks._child.kill()
+            ranks._child.wait()
+            ranks.prepare()
 
 
 def test_a_child_is_heard_while_something_else_is_done():
