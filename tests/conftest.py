@@ -72,7 +72,8 @@ def pytest_configure(config):
     leave nothing beside them.
     """
     if os.environ.pop("PYTHONDONTWRITEBYTECODE", None):
-        os.environ["PYTHONPYCACHEPREFIX"] = str(config.cache.mkdir("bytecode"))
+        if hasattr(config, "cache"):  # else in a copy of the tree, as of `make mutants`
+            os.environ["PYTHONPYCACHEPREFIX"] = str(config.cache.mkdir("bytecode"))
 
 
 def pytest_collection_modifyitems(config, items):
