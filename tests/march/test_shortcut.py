@@ -111,7 +111,7 @@ def test_it_comes_first_where_rows_are_cheap_to_eliminate(decided, monkeypatch):
     """By sizes alone: the price of the elimination, that of factors of all contact rows."""
     way, x = decided.way, np.zeros(decided.way.qp.operator.owned)
     monkeypatch.setattr(way.condensation, "eliminated", False)
-    fronts, moved = way.condensation.elimination, np.ones_like(x)
+    fronts, moved, asked = way.condensation.elimination, np.ones_like(x), []
 
     def first(price=shortcut.AT_ONCE, newton=2 * shortcut.AT_ONCE, tried=None, alike=False,
               cut_alike=False, published=300):
@@ -120,10 +120,11 @@ def test_it_comes_first_where_rows_are_cheap_to_eliminate(decided, monkeypatch):
         monkeypatch.setattr(shortcut, "PUBLISHED", published)
         vars(way).pop("_comes_first", None)
         monkeypatch.setattr(fronts, "price", price)
-        monkeypatch.setattr(fronts, "products", lambda operations: newton)
+        monkeypatch.setattr(fronts, "products", lambda count: asked.append(count) or newton)
         return way.begins(None, Trace(shortcut=tried), x, moved, 1e-6)
 
-    assert first()
+    assert first()  # factors of matrices of all contact rows
+    assert asked == [shortcut.FACTORIZATIONS * way.condensation.total**3 / 3]
     assert not first(price=shortcut.AT_ONCE + 1) and not first(newton=2 * shortcut.AT_ONCE + 1)
     assert not first(alike=True)  # products of alike subdomains cost little
     rows = way.condensation.operator.structure.dual_dofs
