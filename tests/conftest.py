@@ -71,9 +71,9 @@ def pytest_configure(config):
     """Modules are compiled once, not by every process of the driver, also where Python is told to
     leave nothing beside them.
     """
-    if os.environ.pop("PYTHONDONTWRITEBYTECODE", None):
-        if hasattr(config, "cache"):  # else in a copy of the tree, as of `make mutants`
-            os.environ["PYTHONPYCACHEPREFIX"] = str(config.cache.mkdir("bytecode"))
+    told = os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    if told and hasattr(config, "cache"):  # else in a copy of the tree, as of `make mutants`
+        os.environ["PYTHONPYCACHEPREFIX"] = str(config.cache.mkdir("bytecode"))
 
 
 def pytest_collection_modifyitems(config, items):

@@ -50,17 +50,17 @@ def measure(bench: Workbench, large: bool = False) -> dict:
     measured = {"cells": [], "driver": [], "GetFEM": [], "steps": STEPS}
     for cells, (subdomains, target) in {**CASES, **(LARGE if large else {})}.items():
         words = ["SCENE=model", f"SUBDOMAINS={subdomains}"]
-        times = _in_turn(bench, words, f"h = 1/{cells}", REPEATS if cells < 80 else 1, target)
+        times = _compared(bench, words, f"h = 1/{cells}", REPEATS if cells < 80 else 1, target)
         measured["cells"].append(cells)
         for name, values in times.items():
             measured[name].append(median(values))
     scene = _own_mesh(bench.folder)
     for dofs, (h, target) in {**OWN, **(OWN_LARGE if large else {})}.items():
-        _in_turn(bench, [f"SCENE={scene}", f"H={h}"], f"own mesh, {dofs} dofs", 1, target)
+        _compared(bench, [f"SCENE={scene}", f"H={h}"], f"own mesh, {dofs} dofs", 1, target)
     return measured
 
 
-def _in_turn(bench: Workbench, words: list[str], title: str, repeats: int, target: str) -> dict:
+def _compared(bench: Workbench, words: list[str], title: str, repeats: int, target: str) -> dict:
     """Seconds of both on the mesh of a run of `words`."""
     mesh, ours, theirs = (bench.folder / name for name in ("mesh.npz", "run", "getfem.npz"))
     words = [*words, f"LOADING={LOADING}", f"STEPS={STEPS}", f"OUT={ours}", "NP=1"]
@@ -70,7 +70,7 @@ def _in_turn(bench: Workbench, words: list[str], title: str, repeats: int, targe
     script = str(Path(__file__).with_name("getfem_model.py"))
     model = [sys.executable, script, str(mesh), str(theirs), str(STEPS), LOADING]
     times = in_turn({"driver": lambda: child(run)[0], "GetFEM": lambda: child(model)[0]}, repeats)
-    difference = _compare(ours, theirs)
+    difference = _difference(ours, theirs)
     if not difference <= AGREE:
         raise RuntimeError(f"contact forces differ by {difference:.1e} from GetFEM's")
     for name, values in times.items():
@@ -96,7 +96,7 @@ def _write_mesh(out: Path, path: Path) -> None:
     np.savez(path, xy=xy, triangles=of[mesh.corners])
 
 
-def _compare(ours: Path, theirs: Path) -> float:
+def _difference(ours: Path, theirs: Path) -> float:
     """Largest difference of nodal forces at the last step over the largest force of its kind."""
     table = read_table(ours / "contact.csv")
     last = {name: column[table["step"] == STEPS] for name, column in table.items()}

@@ -38,7 +38,7 @@ def still_balances(rows: ContactRows, motions: np.ndarray, work: np.ndarray, siz
     linear program then; no may still be yes by other forces. Arguments as of `rigid_equilibrium`.
     Collective; the same answer on every rank.
     """
-    motions = _felt(rows, motions)
+    motions = felt(rows, motions)
     normal, tangential = motions[rows.normal], motions[rows.tangential]
     pressure, bound = x[rows.normal], rows.friction_bound(x)
     held = comm.allreduce(normal.T @ pressure + tangential.T @ x[rows.tangential])
@@ -85,7 +85,7 @@ def rigid_equilibrium(rows: ContactRows, motions: np.ndarray, work: np.ndarray, 
     the loads on them, `size` (modes,) of its terms; `latest`: of the steps before. Collective; the
     same answer on every rank.
     """
-    motions = _felt(rows, motions)
+    motions = felt(rows, motions)
     law = [np.zeros(len(rows.tangential)) if values is None else values
            for values in (rows.coefficient, rows.offset)]
     parts = comm.gather((motions[rows.normal], rows.gap, rows.normal_node, rows.pulls,
@@ -101,7 +101,7 @@ def rigid_equilibrium(rows: ContactRows, motions: np.ndarray, work: np.ndarray, 
     return comm.bcast(answer)
 
 
-def _felt(rows: ContactRows, motions: np.ndarray) -> np.ndarray:
+def felt(rows: ContactRows, motions: np.ndarray) -> np.ndarray:
     """`motions` (owned, modes) without what nodes that face nothing move by."""
     if rows.idle is not None:
         motions = motions.copy()

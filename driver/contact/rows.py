@@ -92,12 +92,16 @@ class ContactRows:
         lower, upper = np.full(size, -np.inf), np.full(size, np.inf)
         lower[self.normal[~self.bilateral]] = 0.0
         lower[self.tangential], upper[self.tangential] = -bound, bound
-        if self.corners is not None:
-            excluded = self.corners.excluded
-            lower[excluded] = upper[excluded] = 0.0
-        if self.idle is not None:
-            lower[self.idle] = upper[self.idle] = 0.0
+        excluded = self.excluded
+        lower[excluded] = upper[excluded] = 0.0
         return lower, upper
+
+    @property
+    def excluded(self) -> np.ndarray:
+        """Rows without force: those that states of corners exclude, those that face nothing."""
+        corners = None if self.corners is None else self.corners.excluded
+        return np.concatenate([np.zeros(0, int), *(rows for rows in (corners, self.idle)
+                                                   if rows is not None)])
 
     def pressing(self, x: np.ndarray) -> np.ndarray:
         """x without the pulling normal multipliers that contact has not, unless it is bilateral."""

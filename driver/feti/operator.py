@@ -228,8 +228,7 @@ class DualOperator(DualProblem):
     @property
     def alike(self) -> bool:
         """Whether most subdomains, of all ranks, are some of several equal ones; collective."""
-        shared = sum(len(c.members) for c in self.classes if c.shared)
-        return 2 * self.comm.allreduce(shared) > self.structure.total
+        return self._are_most(sum(len(c.members) for c in self.classes if c.shared))
 
     @property
     def cut_alike(self) -> bool:
@@ -237,8 +236,11 @@ class DualOperator(DualProblem):
 
         Of few pieces each has supports or neighbours of its own, and none are equal in all.
         """
-        pieces = sum(sub.cut_alike for sub in self.structure.subdomains)
-        return 2 * self.comm.allreduce(pieces) > self.structure.total
+        return self._are_most(sum(sub.cut_alike for sub in self.structure.subdomains))
+
+    def _are_most(self, count: int) -> bool:
+        """Whether so many of this rank and those of the others are most subdomains; collective."""
+        return 2 * self.comm.allreduce(count) > self.structure.total
 
     def preconditioner(self) -> DirichletPreconditioner:
         """The Dirichlet preconditioner of F."""

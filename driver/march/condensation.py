@@ -12,6 +12,7 @@ from ..feti.dual_problem import DualProblem
 from ..feti.fronts import GluingElimination
 from ..feti.gathering import gather
 from ..feti.rows import contact_row_numbers
+from ..contact.equilibrium import felt
 from ..contact.rows import ContactRows
 from .step import Load
 
@@ -48,10 +49,9 @@ class Condensation:
     def select(self) -> None:
         """Take the rows that act in the present states of corners."""
         contact, corners = self.operator.structure.contact, self.rows.corners
-        rows, faces = [contact.normal_row >= 0, contact.tangential_row >= 0], ~contact.idle
+        rows = [contact.normal_row >= 0, contact.tangential_row >= 0]
         known = np.concatenate(rows)
-        self._facing = np.concatenate([faces, faces])[known]
-        rows = [have & faces for have in rows]
+        rows = [have & ~contact.idle for have in rows]
         apart = np.zeros(len(contact.gid), bool)
         if corners is not None:
             rows = [have & acts for have, acts in zip(rows, corners.act(len(contact.gid)))]
@@ -100,10 +100,7 @@ class Condensation:
         Rows that the states of corners exclude, and those that face nothing, have no force.
         """
         moved, (own, places, _) = into.copy(), self._acts
-        if self.rows.corners is not None:
-            moved[self.rows.corners.excluded] = 0.0
-        if self.rows.idle is not None:
-            moved[self.rows.idle] = 0.0
+        moved[self.rows.excluded] = 0.0
         moved[places] = x[own]
         return moved
 
@@ -129,9 +126,9 @@ class Condensation:
 
         As the turning of a disc that sides, which are not quite round, hold in its hole.
         """
-        if not self.operator.modes or not self._facing.any():
+        if not self.operator.modes or not self.total:
             return False
-        motions = self._every_motion[self._facing]
+        motions = self._every_motion
         reach = np.abs(motions).max(axis=0)
         sizes = np.linalg.svd(motions / np.where(reach > 0, reach, 1.0), compute_uv=False)
         return bool(((sizes > SLIGHT) & (sizes < FAINT * sizes[0])).any())
@@ -147,8 +144,9 @@ class Condensation:
 
     @functools.cached_property
     def _every_motion(self) -> np.ndarray:
-        """(contact rows, k) what all of them move by, whether they act or not."""
-        return np.column_stack([self._gathered(d, self._every) for d in self.operator.motions])
+        """(contact rows, k) what all that face something move by, whether they act or not."""
+        motions = felt(self.rows, np.column_stack(self.operator.motions))
+        return np.column_stack([self._gathered(d, self._every) for d in motions.T])
 
     def _of_acting(self, values: np.ndarray) -> np.ndarray:
         """(n + m, ...) of `values` (contact rows, ...) those of the rows that act."""

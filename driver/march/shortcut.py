@@ -6,9 +6,9 @@ gluing rows and corners (feti/fronts.py) has a price in products that follows fr
 then Newton's method on the contact rows (P. Alart, A. Curnier, CMAME 92 (1991) 353-375) ends in a
 solution at once, or after successive approximations on these rows alone. What is cheaper is done:
 where subdomains have nothing in common and the price is one that successive approximations hardly
-stay below, at once. Once eliminated, they are so for the steps to come, which
-begin with Newton's method. It is decided from counts and from what a checkpoint keeps: neither
-ranks nor an interruption change it.
+stay below, at once. Once eliminated, they are so for the steps to come, which begin with Newton's
+method. It is decided from counts and from what a checkpoint keeps: neither ranks nor an
+interruption change it.
 """
 
 import functools

@@ -31,7 +31,7 @@ def ranks_for(nodes: int, subdomains: int) -> int:
     return max(1, min(CORES, subdomains, 2 * nodes // RANK))
 
 
-class Ranks:
+class Ranks(contextlib.ExitStack):
     """This process or ranks of their own, which get ready for a stage while FreeFEM works.
 
     with Ranks(work, stage, number) as ranks:
@@ -41,34 +41,17 @@ class Ranks:
 
     def __init__(self, work: Path, stage, number: int | None):
         """`number` None: as many as the size of the export pays for."""
+        super().__init__()
         self.work, self.stage, self.number = work, stage, number
-        self._stack, self._child = contextlib.ExitStack(), None
-        self._loaded = self._waiting = False  # the stage here, ranks for a request
-
-    def __enter__(self) -> "Ranks":
-        self._stack.__enter__()
-        return self
-
-    def __exit__(self, *error):
-        """Ranks that still wait for a request are told that none comes, and end by themselves:
-        mpirun takes two seconds to stop them.
-        """
-        try:
-            if self._waiting:
-                self._child.communicate(timeout=environment.PATIENCE)
-        except subprocess.TimeoutExpired:
-            pass
-        finally:
-            self._stack.__exit__(*error)
+        self._child, self._loaded = None, False  # ranks that were started; the stage, here
 
     def prepare(self) -> bool:
-        """Start ranks or load the stage here; whether to call again, as their number is open or to
-        see whether they live.
+        """Start ranks or load the stage here; whether to call again, to see whether they live or
+        how many there are to be, which is known once FreeFEM has the mesh.
 
-        It is known once FreeFEM has the mesh. Raises InputError if a package is missing or a rank
-        has died.
+        Raises InputError if a package is missing or a rank has died.
         """
-        if self._waiting and self._child.poll() is not None:
+        if self._child and self._child.poll() is not None:
             self._answer()  # there is none
         if self.number is None and (size := freefem.announced(self.work / "export")):
             self.number = ranks_for(*size)
@@ -77,7 +60,7 @@ class Ranks:
         elif not self._loaded:
             load(self.stage)
             self._loaded = True
-        return self.number is None or self._waiting
+        return self.number is None or self._child is not None
 
     def solve(self, request: Request, manifest: Manifest | None = None) -> tuple[int, str]:
         """Run the stage; exit status and reason. The size is that of the export of `manifest`.
@@ -98,14 +81,22 @@ class Ranks:
             env = {**environment.child_environment(), "PYTHONPATH": environment.python_path()}
             command = [*environment.mpirun(self.number, env), sys.executable, "-m", "driver",
                        "solve", self.stage.__name__, str(self.work)]
-            self._child = self._stack.enter_context(environment.started(
+            self._child = self.enter_context(environment.started(
                 command, env=env, stdin=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
                 errors="replace"))
-            self._waiting = True
+            self.callback(self._dismiss)
+
+    def _dismiss(self) -> None:
+        """Tell ranks that still wait that no request comes: they end by themselves.
+
+        Mpirun takes two seconds to stop them.
+        """
+        if not self._child.stdin.closed:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._child.communicate(timeout=environment.PATIENCE)
 
     def _answer(self) -> tuple[int, str]:
-        """Let the ranks begin; what they come to."""
-        self._waiting = False
+        """Let the ranks begin, which the end of their input tells them; what they come to."""
         errors = self._child.communicate()[1]
         done = subprocess.CompletedProcess(self._child.args, self._child.returncode, "", errors)
         try:

@@ -386,9 +386,9 @@ def _at(scene: Path, number: int, meshed: bool) -> str:
     """
     sources = [source for source in grammar.sources(scene) if len(source.code) >= number]
     for source in sources:
-        border = re.match(r"\s*border\s+(\w+)", source.code[number - 1])
-        for mesh in re.finditer(r"\bbuildmesh\b[^;]*", "\n".join(source.code)):
-            if meshed and border and re.search(rf"\b{border[1]}\b", mesh[0]):
-                line = mesh.string.count("\n", 0, mesh.start()) + 1
-                return f"{source.path.name} line {line}"
+        border = meshed and re.match(r"\s*border\s+(\w+)", source.code[number - 1])
+        code = "\n".join(source.code)
+        for mesh in re.finditer(r"\bbuildmesh\b[^;]*", code) if border else ():
+            if re.search(rf"\b{border[1]}\b", mesh[0]):
+                return f"{source.path.name} line {code.count(chr(10), 0, mesh.start()) + 1}"
     return " or ".join(f"{source.path.name} line {number}" for source in sources) or scene.name

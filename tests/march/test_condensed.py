@@ -112,7 +112,7 @@ def condensed(first: int, last: int, allgather, idle=(False, False, False)) -> C
     operator = SimpleNamespace(structure=SimpleNamespace(contact=contact, row_range=(first, last)),
                                comm=SimpleNamespace(size=2, allgather=allgather))
     rows = np.concatenate([contact.normal_row[contact.idle], contact.tangential_row[contact.idle]])
-    return Condensation(operator, SimpleNamespace(corners=None, idle=rows - first,
+    return Condensation(operator, SimpleNamespace(corners=None, excluded=rows - first,
                                                   tangential_node=np.array(own)))
 
 
@@ -180,7 +180,7 @@ def test_the_gradient_of_a_condensed_solution_is_that_of_the_operator(monkeypatc
     solution = np.array([0.5, 0.25, 0.75])
     one = object.__new__(Condensation)
     one.guess, one.apart, one._rubbing = None, np.zeros(0, int), np.zeros(0, bool)
-    one.rows = SimpleNamespace(corners=SimpleNamespace(excluded=excluded), idle=None)
+    one.rows = SimpleNamespace(excluded=np.array(excluded, int))
     one.operator = SimpleNamespace(products=0, apply=lambda x: F @ x)
     monkeypatch.setattr(Condensation, "problem", lambda *_: SimpleNamespace(
         states_of=lambda *_: None, products=2))
