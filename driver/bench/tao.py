@@ -7,7 +7,8 @@ from petsc4py import PETSc
 
 from ..options import Settings
 from ..qp.lanczos import norm_bound
-from ..qp.mprgp import mprgp, projected_gradient
+from ..qp.box import projected_gradient
+from ..qp.mprgp import mprgp
 from ..studies.table import LOADINGS
 from .workbench import Workbench
 

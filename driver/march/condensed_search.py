@@ -19,7 +19,7 @@ from ..errors import NoSolution, NotConverged
 from ..qp.anderson import Anderson
 from ..qp.coefficients import consistent
 from ..qp.correction import corrected
-from ..qp.mprgp import projected_gradient
+from ..qp.box import projected_gradient
 from ..text import step_name
 from . import globalization
 from .step import Load, Trace, Unfinished

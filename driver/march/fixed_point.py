@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import NotConverged
 from ..qp.anderson import Anderson, gives_up
-from ..qp.mprgp import projected_gradient
+from ..qp.box import projected_gradient
 from ..text import step_name
 from . import globalization
 from .condensation import Condensation

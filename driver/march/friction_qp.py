@@ -11,7 +11,8 @@ from ..errors import NoSolution, NotConverged
 from ..feti.dual_problem import DualProblem
 from ..options import Settings
 from ..qp.lanczos import norm_bound
-from ..qp.mprgp import Result, mprgp, projected_gradient
+from ..qp.box import projected_gradient
+from ..qp.mprgp import Result, mprgp
 from ..text import step_name
 from .accelerators import Accelerators
 from .step import History, Unfinished

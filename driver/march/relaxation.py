@@ -10,7 +10,8 @@ import numpy as np
 
 from ..feti.deflation import Deflation
 from ..feti.dual_problem import DualProblem
-from ..qp.mprgp import mprgp, projected_gradient
+from ..qp.box import projected_gradient
+from ..qp.mprgp import mprgp
 
 REDUCTION = 0.1  # of the residual: the gluing's answer spoils more than that
 LIMIT = 1000  # products with F_cc

@@ -4,7 +4,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ..contact.kkt import FADED, kkt_residuals
-from ..qp.mprgp import projected_gradient
+from ..qp.box import projected_gradient
 from .condensation import Condensation
 from .friction_qp import FrictionQP
 from .slip import SlipState

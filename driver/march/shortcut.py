@@ -18,7 +18,7 @@ import numpy as np
 from ..errors import NotConverged
 from ..qp import one_solution
 from ..qp.contraction import contraction
-from ..qp.mprgp import projected_gradient
+from ..qp.box import projected_gradient
 from . import globalization
 from .condensation import Condensation
 from .friction_qp import FrictionQP

@@ -22,12 +22,14 @@ the callables ``dot``, ``dots`` and ``minimum``; every decision is taken on what
 they give the same float to all ranks, all ranks take the same branches.  Local parts may be empty.
 
 One module because the steps share one state, of which x and g always belong together, and each
-decision is argued beside it.
+decision is argued beside it. What is done at bounds component by component has none: see box.py.
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
+
+from .box import bound_ratios, clipped, projected_gradient, reduced_free_gradient, split_gradient
 
 EPS = np.finfo(float).eps
 
@@ -64,44 +66,6 @@ class Result:
 
 class _Stop(Exception):
     """Ends the iteration from inside a step; args are (status, reason)."""
-
-
-def split_gradient(x, g, lower, upper):
-    """Free gradient phi and chopped gradient beta, each (n,), at the feasible x (n,).
-
-    The bounds are met by exact comparison: iterates have been projected, so an active component
-    equals its bound.  Components of zero-width boxes are in neither part.
-    """
-    at_lower, at_upper = x == lower, x == upper
-    phi = np.where(at_lower | at_upper, 0.0, g)
-    beta = np.where(at_lower & ~at_upper, np.minimum(g, 0.0), 0.0)
-    beta = np.where(at_upper & ~at_lower, np.maximum(g, 0.0), beta)
-    return phi, beta
-
-
-def projected_gradient(x, g, lower, upper):
-    """g^P = phi + beta, shape (n,), at the feasible x with gradient g; see split_gradient."""
-    projected = np.array(g, float)
-    met = np.flatnonzero((x == lower) | (x == upper))  # few of many components
-    lower, upper = (bound[met] if np.ndim(bound) else bound for bound in (lower, upper))
-    projected[met] = split_gradient(x[met], projected[met], lower, upper)[1]
-    return projected
-
-
-def reduced_free_gradient(x, phi, lower, upper, step):
-    """phi~ (n,): what the projection leaves of phi in a gradient step of length `step`."""
-    with np.errstate(over="ignore"):
-        to_lower, to_upper = (x - lower) / step, (x - upper) / step
-    return np.where(phi > 0, np.minimum(phi, to_lower), np.maximum(phi, to_upper))
-
-
-def _bound_ratios(x, p, lower, upper):
-    """For each component the step a >= 0 at which x - a p meets a bound; inf if it never does."""
-    ratio = np.full(x.shape, np.inf)
-    with np.errstate(over="ignore"):
-        np.divide(x - lower, p, out=ratio, where=p > 0)
-        np.divide(x - upper, p, out=ratio, where=p < 0)
-    return ratio
 
 
 def _cut_step(ratio, wish, minimum):
@@ -160,12 +124,12 @@ class _Mprgp:
         """x - step p with the components that met a bound put exactly on it, and clipped."""
         b, (lower, upper) = self.bounded, self.box
         x, met = self.x - step * p, ratio <= step * (1 + 4 * EPS)
-        x[b] = _clipped(np.where(met, np.where(p[b] > 0, lower, upper), x[b]), lower, upper)
+        x[b] = clipped(np.where(met, np.where(p[b] > 0, lower, upper), x[b]), lower, upper)
         self.place(x, self.g - step * Ap, self.updates + 1)
 
     def ratios(self, p):
         """For each component that has bounds the step at which x - a p meets one."""
-        return _bound_ratios(self.x[self.bounded], p[self.bounded], *self.box)
+        return bound_ratios(self.x[self.bounded], p[self.bounded], *self.box)
 
     def gradient_rounding(self, x):
         """Size of the rounding error in a computed A x - b."""
@@ -288,7 +252,7 @@ class _Mprgp:
         J. Optim. 1 (1991) 93-113, search such an arc.)
         """
         steps = [part * wish for part in ARC if part * wish > length]
-        return any(self.try_step(_clipped(self.x - a * p, self.lower, self.upper), needed)
+        return any(self.try_step(clipped(self.x - a * p, self.lower, self.upper), needed)
                    for a in steps)
 
     def relaxed_step(self, y, g, needed):
@@ -324,7 +288,7 @@ class _Mprgp:
         x, g, given = self.x, self.g, self.bound
         phi, _ = split_gradient(x, g, self.lower, self.upper)
         for _ in range(MAX_DOUBLINGS):
-            new = _clipped(x - (self.alpha_factor / self.bound) * phi, self.lower, self.upper)
+            new = clipped(x - (self.alpha_factor / self.bound) * phi, self.lower, self.upper)
             d = new - x
             length = np.sqrt(self.dot(d, d))
             if length == 0:  # nothing free moves; the product would bring nothing new
@@ -426,11 +390,6 @@ class _Mprgp:
         return Result(self.x, self.g, status, reason, self.products, self.counts["cg"],
                       self.counts["expansion"], self.counts["proportioning"], float(self.bound),
                       residual)
-
-
-def _clipped(x, lower, upper):
-    """np.clip, which takes several times as long for small arrays."""
-    return np.minimum(np.maximum(x, lower), upper)
 
 
 def _anywhere(mask, dot):

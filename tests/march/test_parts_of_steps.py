@@ -29,7 +29,7 @@ from driver.options import Settings
 from driver.qp import complementarity
 from driver.qp.branching import Search
 from driver.qp.coulomb import CoulombProblem
-from driver.qp.mprgp import projected_gradient
+from driver.qp.box import projected_gradient
 
 
 def rows(n=2, **more) -> ContactRows:

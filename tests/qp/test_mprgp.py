@@ -12,7 +12,9 @@ from driver.hard.oracle import box_qp
 
 import driver.qp.mprgp as module
 from driver.qp.lanczos import norm_bound
-from driver.qp.mprgp import mprgp, projected_gradient
+from driver.qp import box
+from driver.qp.box import projected_gradient
+from driver.qp.mprgp import mprgp
 
 EPS = np.finfo(float).eps
 
@@ -414,7 +416,7 @@ def test_gradients_are_split_by_the_bounds_that_are_met():
     upper = np.array([1.0, 1, 1, 0, 0, 0, 2, np.inf])
     x = np.array([0.0, 0, 0.5, 0, 0, -0.5, 2, 7])
     g = np.array([3.0, -3, 3, 3, -3, -3, 5, 4])
-    phi, beta = module.split_gradient(x, g, lower, upper)
+    phi, beta = box.split_gradient(x, g, lower, upper)
     assert phi.tolist() == [0, 0, 3, 0, 0, -3, 0, 4]
     assert beta.tolist() == [0, -3, 0, 3, 0, 0, 0, 0]
     np.testing.assert_array_equal(projected_gradient(x, g, lower, upper), phi + beta)
@@ -431,7 +433,7 @@ def test_what_projection_leaves_of_a_gradient_step(step):
     found = module.reduced_free_gradient(x, phi, lower, upper, step)
     np.testing.assert_allclose(found, (x - np.clip(x - step * phi, lower, upper)) / step,
                                atol=1e-14)
-    ratio = module._bound_ratios(x, phi, lower, upper)
+    ratio = box.bound_ratios(x, phi, lower, upper)
     finite = np.isfinite(ratio)
     ends = (x - np.where(finite, ratio, 0.0) * phi)[finite]
     np.testing.assert_allclose(ends, np.where(phi > 0, lower, upper)[finite], atol=1e-14)
