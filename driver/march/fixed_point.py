@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import NotConverged
 from ..qp.anderson import Anderson, gives_up
-from ..qp.box import projected_gradient
+from ..qp.box import clipped, projected_gradient
 from ..text import step_name
 from . import globalization
 from .condensation import Condensation
@@ -174,7 +174,7 @@ class FixedPoint:
     def _approximate(self, index, trace, d, x, bound, reduction, coupled=True, gradient=None):
         """Result of the QP with friction bounds `bound` from x, change of pressures and bounds."""
         limits = self.rows.limits_at(len(x), bound)
-        inside = np.minimum(np.maximum(x, limits[0]), limits[1])
+        inside = clipped(x, *limits)
         x, gradient = self.qp.placed(inside, d, x, gradient)
         result = self.qp.solve(index, trace.iterations, d, limits, x, reduction, gradient)
         if not coupled:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..feti.deflation import Deflation
 from ..feti.dual_problem import DualProblem
-from ..qp.box import projected_gradient
+from ..qp.box import clipped, projected_gradient
 from ..qp.mprgp import mprgp
 
 REDUCTION = 0.1  # of the residual: the gluing's answer spoils more than that
@@ -40,7 +40,7 @@ class ContactRelaxation:
         """
         block = self.deflation.block
         before, g, lower, upper = block.gathered(y, gradient, *limits)
-        start = np.minimum(np.maximum(before, lower), upper)
+        start = clipped(before, lower, upper)
         g = g + block.apply(start - before)
         projected = projected_gradient(start, g, lower, upper)
         scaled = self.scale * block.scatter(projected, gradient)

@@ -10,6 +10,7 @@ that gives way most is let go, at the beginning all that do. So no states come t
 
 import numpy as np
 
+from .box import clipped
 from .coulomb import BACKWARD, FORWARD, OPEN, STICK, CoulombProblem
 from .nearby import nearly_in
 
@@ -94,7 +95,7 @@ class _Descent:
         return np.ones(self.problem.n)
 
     def _cut(self, x: np.ndarray) -> np.ndarray:
-        return np.minimum(np.maximum(x, self.lower), self.upper)
+        return clipped(x, self.lower, self.upper)
 
     def _at_bounds(self) -> np.ndarray:
         return (self.x <= self.lower) | (self.x >= self.upper)

@@ -22,7 +22,7 @@ the callables ``dot``, ``dots`` and ``minimum``; every decision is taken on what
 they give the same float to all ranks, all ranks take the same branches.  Local parts may be empty.
 
 One module because the steps share one state, of which x and g always belong together, and each
-decision is argued beside it. What is done at bounds component by component has none: see box.py.
+decision is argued beside it. box.py has what needs none of it: gradients and steps at bounds.
 """
 
 from dataclasses import dataclass, replace
