@@ -22,6 +22,8 @@ from ..feti.structure import Substructure
 from .corner_nodes import CornerNodes, corner_nodes
 from .states import OPEN, SLIP, STICK
 
+ROUNDING = 1e-13  # relative, of a bound: a pressure is a sum of hundreds of terms
+
 
 @dataclass(frozen=True)
 class ContactLaw:
@@ -110,9 +112,12 @@ class ContactRows:
         return pressed
 
     def sliding(self, x: np.ndarray, bound: np.ndarray) -> np.ndarray:
-        """(j,) sign of the multiplier at tangential rows on their bound, 0 at the others."""
+        """(j,) sign of the multiplier at tangential rows on their bound, 0 at the others.
+
+        A bound that follows from a pressure is off by the rounding of that.
+        """
         multiplier = x[self.tangential]
-        return np.where(np.abs(multiplier) >= bound, np.sign(multiplier), 0.0)
+        return np.where(np.abs(multiplier) >= (1 - ROUNDING) * bound, np.sign(multiplier), 0.0)
 
     def follow(self, x: np.ndarray, sliding: np.ndarray) -> np.ndarray:
         """x with sliding nodes moved to the friction bound of x, and the others cut at it.
