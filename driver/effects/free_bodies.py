@@ -22,6 +22,7 @@ from ..text import step_name
 SECANTS = 5  # of the rigid motions' response that are combined
 BESIDE = 1e-2  # part of all contact forces on a body beside which its imbalance counts at least
 WEAK = 1e-4  # part of a motion that rows feel, whose square resists it: below all tolerances
+NOTHING = 1e-12  # part of the largest contact force that is rounding of it
 LOOSE = "nothing that touches or sticks holds a rigid motion of a body without support"
 
 
@@ -200,7 +201,7 @@ class FreeBodies:
         normal, rub = motions[rows.normal], motions[rows.tangential]
         over, slip = -gradient[rows.normal], -gradient[rows.tangential]
         bound, way = rows.friction_bound(x), np.sign(x[rows.tangential])
-        presses = (x[rows.normal] != 0) | rows.bilateral
+        presses = self._presses(x)
         sticks = np.abs(x[rows.tangential]) < bound
         slides = ~sticks & (bound > 0)
         # all normal rows, then all tangential ones
@@ -213,6 +214,13 @@ class FreeBodies:
                 np.concatenate([normal[~presses], -way[slides, None] * rub[slides]]),
                 np.maximum(np.concatenate([-over[~presses], (way * slip)[slides]]), 0.0))
 
+    def _presses(self, x: np.ndarray) -> np.ndarray:
+        """(n,) whether normal rows act: their forces, if any, are more than rounding; collective.
+        """
+        force = np.abs(x[self.rows.normal])
+        return self.rows.bilateral | (force > NOTHING * -self.operator.minimum(
+            -force.max(initial=0.0)))
+
     def note_loose_motion(self, index: int, x: np.ndarray) -> None:
         """Warn once if no node that touches or sticks holds a rigid motion.
 
@@ -224,7 +232,7 @@ class FreeBodies:
             return
         motions = op.motions
         acts = np.zeros(op.owned)
-        acts[rows.normal] = rows.bilateral | (x[rows.normal] != 0)
+        acts[rows.normal] = self._presses(x)
         bound, changes = rows.friction_bound(x), self.effects.coefficient_changes
         acts[rows.tangential] = (np.abs(x[rows.tangential]) < bound) | changes & (bound > 0)
         stiffness = np.array([[op.dot(acts * a, b) for b in motions] for a in motions])

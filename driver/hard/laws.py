@@ -14,7 +14,9 @@ from .oracle import Assembled
 ROUNDINGS = 4  # random ones of the stiffness
 ROUNDED = 4 * np.finfo(float).eps  # of a place, where nothing deforms
 RESTS = 1e-6  # of the deformation: a gap that counts as closed, the accuracy of displacements
-NOTHING = 1e-12  # part of the largest force on any body below which others are its rounding
+# part of the largest force on any body below which others are its rounding: what may be unbalanced
+# of it, 1e-6, is some last bits of the largest
+NOTHING = 1e-9
 NEARLY = 0.1  # part of a tangent beyond the normals where those of a mortar side depend nearly
 
 
