@@ -178,8 +178,9 @@ def solve(words: list[str]) -> None:
     """One rank of a stage that several share (started by mpirun): its name, where it works."""
     from mpi4py import MPI
 
-    stage, work = _stage(words[0]), Path(words[1])
+    work = Path(words[1])
     try:
+        stage = launch.load(_stage(words[0]))
         request = launch.awaited(work, stage)
         if request is None:
             return

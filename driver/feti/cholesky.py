@@ -1,16 +1,14 @@
-"""Sparse Cholesky factors of subdomains, those dofs last that rows act on, and corners.
+"""Sparse Cholesky factors of the interiors of subdomains, and what is left of their rims.
 
-With the interior dofs i, the torn dofs t that rows act on and the corner dofs c in this order, and
-alpha > 0 added to the diagonal at c, where K alone may be singular,
+With the dofs i of the interior and b of the rim, alpha = diag K_bb added to the diagonal at b,
+where K alone may be singular,
 
-        [ L_ii             ]     L_tt L_tt' = S_tt,     L_ct L_tt' = S_ct,
-    L = [ L_ti  L_tt       ],
-        [ L_ci  L_ct  L_cc ]     L_cc L_cc' - alpha = S_cc - S_ct S_tt^-1 S_tc,
+    L = [ L_ii       ],     L_bb L_bb' - alpha = S = K_bb - K_bi K_ii^-1 K_ib.
+        [ L_bi  L_bb ]
 
-where S is what eliminating i leaves of K. So K_rr^-1 on t and what couples t and c come from the
-last rows of one factor and dense algebra; solutions for every dof of t would take a pass through
-the factor each. CHOLMOD factorizes (Chen, Davis, Hager, Rajamanickam, ACM Trans. Math. Softw. 35
-(2008)), by its bindings in cvxopt.
+The rim has what rows act on and the corners (see rim.py), and S all that they need of the interior.
+CHOLMOD factorizes (Chen, Davis, Hager, Rajamanickam, ACM Trans. Math. Softw. 35 (2008)), by its
+bindings in cvxopt.
 
 CHOLMOD sorts any order again so that children precede their parents in the elimination tree (each
 dof's parent is the next one that its column of L reaches). The last dofs keep their places if the
@@ -20,7 +18,7 @@ tree ends in the chain of them with all others below its first: entries that are
 import numpy as np
 from cvxopt import amd, cholmod, matrix, spmatrix
 from petsc4py import PETSc
-from scipy.linalg import lapack, solve_triangular
+from scipy.linalg import lapack
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
@@ -32,102 +30,47 @@ SINGULAR = ("stiffness is not positive definite to rounding, which no cut can ca
             "the material varies by many orders of magnitude and triangles are next to degenerate")
 
 
-class TornFactor:
-    """Factor of K_rr, the stiffness (n_r, n_r) of the torn dofs; made when it is first used.
+class Interior:
+    """The interior of a subdomain with the stiffness K (dofs, dofs), eliminated.
 
-    One factorization serves both: the last rows of L for `reduced` and, without the corners, all
-    of it for `solve`, kept in parts. CHOLMOD's own factor is used up where it hands out L.
+    CHOLMOD's own factor is used up where it hands out L.
 
     L has both dofs of a node beside one another, with the same neighbours, if one is free. One that
-    supports hold stands for itself there: off the diagonal its row and column are zeros.
+    supports hold stands for itself there: off the diagonal its row and column are zeros. Those of
+    the rim count as free.
     """
 
-    def __init__(self, K, torn: np.ndarray, nodes: np.ndarray, together: int = 1):
-        """`K` (dofs, dofs) is CSR, `torn` (n_r,) are the torn dofs, t those of the `nodes` (n,).
+    def __init__(self, K, rim: np.ndarray, free: np.ndarray):
+        """`K` is CSR, `rim` (n,) are nodes, `free` (dofs,) marks what no support holds.
 
-        Dofs 2 k and 2 k + 1 are of node k. L_tt takes so many right-hand sides `together`, filled
-        up with zeros: the bits of one do not depend on how many there are.
+        Dofs 2 k and 2 k + 1 are of node k. Raises NoSolution unless K_ii is positive definite.
         """
-        self._K, self._torn, self._together = K, torn, together
-        self.seen = np.isin(torn // 2, nodes)  # (n_r,) marks those of t
-        self._columns = None  # the first columns of L
-        # places in L of torn dofs (n_r,), t (n_t,) and corners (n_c,), and where corner nodes begin
-        self._place = self._of_t = self._of_c = self._end = None
-        # of its last rows L_tt, half a matrix in LAPACK's rectangular full packed format, and L_ct
-        self._packed = self._coupling = None
+        of_rim = (2 * rim[:, None] + [0, 1]).ravel()
+        self.rim, self.stiffness = rim, K.diagonal()  # (dofs,)
+        self.free = free.copy()  # (dofs,)
+        self.free[of_rim] = True
+        is_inner = self.free.reshape(-1, 2).any(axis=1)
+        is_inner[rim] = False
+        inner, added = np.flatnonzero(is_inner), np.zeros(len(free))
+        added[of_rim] = self.stiffness[of_rim]
+        factor, order = _in_order(K.tobsr((2, 2)), inner, rim, self.free, added)
+        self.inner = 2 * len(inner)  # dofs
+        self.place = _places(order, len(free))  # (dofs,) places in L, -1 where there is none
+        L = cholmod.getfactor(factor) if len(order) else spmatrix([], [], [], (0, 0))
+        self.columns = _FirstColumns(L, self.inner)
+        self._schur = mirrored(_product(L, self.inner))
+        self._schur[np.diag_indices_from(self._schur)] -= added[of_rim]
 
-    def reduced(self, corner: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """K_rr^-1 (n_t, n_t) and K_rr^-1 K_rc (n_t, n_c) on t, and K_cc - K_cr K_rr^-1 K_rc.
+    @property
+    def size(self) -> int:
+        """Number of dofs in L."""
+        return self.columns.size
 
-        `corner` (n_c,), ascending, are all free dofs of some nodes. Raises NoSolution unless K_rr
-        is positive definite.
-        """
-        K, torn, seen = self._K, self._torn, self.seen
-        added = np.zeros(K.shape[0])
-        added[corner] = K.diagonal()[corner]
-        parts = [np.unique(dofs // 2) for dofs in (torn[~seen], torn[seen], corner)]
-        free = np.zeros(K.shape[0], bool)
-        free[torn] = free[corner] = True
-        factor, order, inner = _in_order(K.tobsr((2, 2)), parts, free, added)
-        place = _places(order, K.shape[0])
-        self._place, self._of_t, self._of_c = place[torn], place[torn[seen]], place[corner]
-        self._end = len(order) - 2 * len(parts[2])
-        whole = cholmod.getfactor(factor) if len(order) else spmatrix([], [], [], (0, 0))
-        self._columns = _FirstColumns(whole, inner)
-        L = _last_rows(whole, inner, np.append(self._of_t, self._of_c))
-        n_t = len(self._of_t)
-        L_tt, L_ct, L_cc = L[:n_t, :n_t], L[n_t:, :n_t], L[n_t:, n_t:]
-        self._packed, self._coupling = _packed(L_tt), L_ct.copy()
-        schur = L_cc @ L_cc.T - np.diag(added[corner])
-        return _inverse(L_tt), _backward(L_tt, L_ct.T), (schur + schur.T) / 2
-
-    def solve(self, right: np.ndarray) -> np.ndarray:
-        """K_rr^-1 times the columns of `right` (n_r, k)."""
-        if not right.size:
-            return np.zeros_like(right)
-        if self._columns is None:
-            self.reduced(np.empty(0, int))
-        none = np.zeros((right.shape[1], len(self._coupling)))
-        return self.backward(self.forward(right.T), none).T
-
-    def forward(self, right: np.ndarray) -> np.ndarray:
-        """L^-1 times rows of `right` (k, n_r), zero on the corners, in the order of L up to them.
-        """
-        whole = np.zeros((len(right), self._columns.size))
-        whole[:, self._place] = right
-        result = self._columns.forward(whole)[:, : self._end]
-        result[:, self._of_t] = self._on_rows(result[:, self._of_t])
-        return result
-
-    def forward_of_rows(self, right: np.ndarray) -> np.ndarray:
-        """`forward` of what is zero but on t: the last rows of L have it all."""
-        result = np.zeros((len(right), self._end))
-        result[:, self._of_t] = self._on_rows(right[:, self.seen])
-        return result
-
-    def _on_rows(self, right: np.ndarray, trans: str = "N") -> np.ndarray:
-        """L_tt^-1 times rows of `right` (k, n_t), or L_tt^-T."""
-        result, n_t = np.empty(right.shape), right.shape[1]
-        for first in range(0, len(right) if n_t else 0, self._together):
-            part = right[first : first + self._together]
-            filled = np.zeros((self._together, n_t))
-            filled[: len(part)] = part
-            solved = lapack.dtfsm(1.0, self._packed, filled.T, uplo="L", trans=trans, overwrite_b=1)
-            result[first : first + self._together] = solved.T[: len(part)]
-        return result
-
-    def backward(self, forward: np.ndarray, corner: np.ndarray) -> np.ndarray:
-        """K_rr^-1 (f_r - K_rc u_c) (k, n_r) by rows of `forward` of f_r and u_c, `corner` (k, n_c).
-
-        K_rc comes in by the rows of L at the corners.
-        """
-        whole = np.zeros((len(forward), self._columns.size))
-        whole[:, : self._end] = forward
-        # one by one: bits do not depend on how many there are
-        on_rows = forward[:, self._of_t] - np.array([u @ self._coupling for u in corner])
-        whole[:, self._of_t] = self._on_rows(on_rows, "T")
-        whole[:, self._of_c] = corner
-        return self._columns.backward(whole)[:, self._place]
+    def schur(self, dofs: np.ndarray) -> np.ndarray:
+        """S (n, n) on some dofs of the rim. It is handed out once, and not kept."""
+        place, S = self.place[dofs] - self.inner, self._schur
+        self._schur = None
+        return S[np.ix_(place, place)]
 
 
 class _FirstColumns:
@@ -176,27 +119,27 @@ def _factorized(lower: spmatrix, added: np.ndarray):
     return factor
 
 
-def _in_order(blocks, parts: list[np.ndarray], free: np.ndarray, added: np.ndarray):
-    """CHOLMOD's factor of the stiffness of the nodes `parts`, inner ones, those of t and corners.
+def _in_order(blocks, inner: np.ndarray, rim: np.ndarray, free: np.ndarray, added: np.ndarray):
+    """CHOLMOD's factor of the stiffness of `inner` nodes and those of the `rim`, which come last.
 
-    And its dofs (n,) in the order of the factor, and the number of those of inner nodes, which come
-    first; the others keep their order. `blocks` are K's blocks of nodes, `free` (dofs,) marks what
-    no support holds, `added` (dofs,) is added to the diagonal. Inner nodes mostly hang together:
-    only where they do not, and the factor shows it, they are searched.
+    And its dofs (n,) in the order of the factor; those of the rim keep theirs. `blocks` are K's
+    blocks of nodes, `free` (dofs,) marks what no support holds, `added` (dofs,) is added to the
+    diagonal. Inner nodes mostly hang together: only where they do not, and the factor shows it,
+    they are searched.
     """
-    inner = len(parts[0])
-    nodes = np.concatenate([parts[0][_fill_reducing(blocks, parts[0])], *parts[1:]])
+    nodes = np.concatenate([inner[_fill_reducing(blocks, inner)], rim])
     order = (2 * nodes[:, None] + [0, 1]).ravel()
     if not len(nodes):
-        return None, order, 0
-    last = np.arange(2 * inner, len(order))
-    for roots in (lambda *_: np.arange(inner)[-1:], _roots):
+        return None, order
+    first = 2 * len(inner)
+    for roots in (lambda *_: np.arange(len(inner))[-1:], _roots):
         factor = None  # before the next one is made
-        factor = _factorized(_lower(blocks, nodes, inner, free[order], roots), added[order])
+        lower = _lower(blocks, nodes, len(inner), free[order], roots)
+        factor = _factorized(lower, added[order])
         rows = _permutation(factor, len(order))
-        if np.array_equal(rows[2 * inner :], last):
+        if np.array_equal(rows[first:], np.arange(first, len(order))):
             break  # the last rows are where they were
-    return factor, order[rows], 2 * inner
+    return factor, order[rows]
 
 
 def _permutation(factor, size: int) -> np.ndarray:
@@ -206,19 +149,13 @@ def _permutation(factor, size: int) -> np.ndarray:
     return np.array(rows).ravel().astype(int)
 
 
-def _last_rows(L: spmatrix, first: int, which: np.ndarray) -> np.ndarray:
-    """The rows and columns `which` (n,) of L, all of them after the `first` ones."""
-    if not len(which):
+def _product(L: spmatrix, first: int) -> np.ndarray:
+    """The lower triangle of L_bb L_bb' (n, n), L_bb what L has after the `first` columns."""
+    if first == L.size[0]:
         return np.empty((0, 0))
-    last = np.array(matrix(L[first:, first:]))
-    if np.array_equal(which, np.arange(first, first + len(last))):
-        return last
-    return last[np.ix_(which - first, which - first)]
-
-
-def _packed(L: np.ndarray) -> np.ndarray | None:
-    """The lower triangle L (n, n) in the rectangular full packed format; None without rows."""
-    return lapack.dtrttf(L, uplo="L")[0] if len(L) else None
+    # turned round, as LAPACK has U U' of upper triangles
+    upper = np.array(matrix(L[first:, first:]))[::-1, ::-1]
+    return lapack.dlauum(upper)[0][::-1, ::-1]
 
 
 def _blocks(L: spmatrix, inner: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -261,20 +198,6 @@ def _upper(start: np.ndarray, row: np.ndarray, values: np.ndarray) -> PETSc.Mat:
     order = PETSc.IS().createStride(size, first=0, step=1, comm=PETSc.COMM_SELF)
     mat.factorILU(order, order)
     return mat
-
-
-def _backward(L: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """L^-T times `right` (n, k), L (n, n) lower triangular."""
-    if not right.size:
-        return np.zeros(right.shape)
-    return solve_triangular(L, right, lower=True, trans="T", check_finite=False)
-
-
-def _inverse(L: np.ndarray) -> np.ndarray:
-    """(L L')^-1 (n, n), symmetric to the last bit."""
-    if not L.size:
-        return np.empty((0, 0))
-    return mirrored(lapack.dpotri(L, lower=1)[0])
 
 
 def mirrored(matrix: np.ndarray) -> np.ndarray:

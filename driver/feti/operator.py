@@ -52,10 +52,11 @@ class DualOperator(DualProblem):
     `coarse` the coarse problem; `acting` are the local subdomains with loads, supports or springs.
     """
 
-    def __init__(self, structure: Substructure, comm):
+    def __init__(self, structure: Substructure, comm, ahead: dict | None = None):
+        """`ahead`: interiors of local subdomains that were eliminated before, by their numbers."""
         super().__init__(structure, structure.row_range[1] - structure.row_range[0], comm)
         self.modes = len(structure.rigid_modes)
-        self.classes = _reduced(structure, comm)
+        self.classes = _reduced(structure, comm, ahead or {})
         self._lay_out()
         self.coarse = CoarseProblem(structure, self.classes, comm)
         self._recovery = Recovery(structure, self.classes, self.coarse)
@@ -363,11 +364,11 @@ class DualOperator(DualProblem):
         return corner
 
 
-def _reduced(structure: Substructure, comm) -> list[LocalClass]:
+def _reduced(structure: Substructure, comm, ahead: dict) -> list[LocalClass]:
     """The rank's classes of equal subdomains, reduced; every rank raises the NoSolution of any."""
     groups, classes, error = group(structure, comm), [], None
     try:
-        classes = [reduce_class(structure, *members) for members in groups]
+        classes = [reduce_class(structure, *members, ahead) for members in groups]
     except NoSolution as problem:
         error = problem
     agree(comm, error)

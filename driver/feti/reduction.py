@@ -12,11 +12,12 @@ from scipy.sparse import coo_matrix
 
 from ..scene.loader import Subdomain
 from .blocks import BLOCK
-from .cholesky import TornFactor
+from .cholesky import Interior
 from .exchange import exchange
 from .gathering import joined
 from .rows import LocalRows
 from .structure import Substructure
+from .torn_factor import TornFactor
 
 LEAST = 0.01  # of K's diagonal: the smallest stiffness of a corner in springs
 DIGEST = 20  # bytes of a sha1
@@ -183,7 +184,8 @@ def _fingerprint(structure: Substructure, s: int, pattern: bytes) -> bytes:
     """Digest that equal subdomains share: dof sets, rows and the `pattern` of the stiffness."""
     rows = structure.rows[s]
     digest = hashlib.sha1(pattern)
-    parts = [structure.fixed[s], structure.corner_dofs[s], rows.dof, rows.coefficient.round(13)]
+    parts = [structure.fixed[s], structure.corner_dofs[s], rows.dof, rows.coefficient.round(13),
+             structure.subdomains[s].rim]
     if structure.yields:
         parts.append(structure.own_compliance(s))
     if s in structure.renewed:  # its rows will be its own
@@ -195,8 +197,11 @@ def _fingerprint(structure: Substructure, s: int, pattern: bytes) -> bytes:
 
 
 def reduce_class(structure: Substructure, members: list[int], values: np.ndarray,
-                 shared: bool) -> LocalClass:
-    """Factorize K_rr of a class with stiffness `values` and form its explicit F, A and S."""
+                 shared: bool, ahead: dict[int, Interior]) -> LocalClass:
+    """Factorize K_rr of a class with stiffness `values` and form its explicit F, A and S.
+
+    `ahead` has interiors of subdomains that `interior_of` has eliminated before, by their numbers.
+    """
     s = members[0]
     sub, corner = structure.subdomains[s], structure.corner_dofs[s]
     is_torn = np.ones(sub.dofs, bool)
@@ -208,12 +213,45 @@ def reduce_class(structure: Substructure, members: list[int], values: np.ndarray
     changes = s in structure.renewed
     if changes:
         touched |= structure.may_move(s)[torn]
-    factor = TornFactor(K, torn, torn[touched] // 2, BLOCK if shared else 1)
+    nodes = np.unique(torn[touched] // 2)
+    known = ahead if values is sub.values else {}  # a class's may be those of another rank
+    interior = _interior(structure, s, K, np.union1d(nodes, corner // 2), known)
+    factor = TornFactor(interior, torn, nodes, BLOCK if shared else 1)
     inverse, coupling, S = factor.reduced(corner)
     seen = factor.seen
     F, A = _of_rows(structure, s, B_r[:, seen], B_c, inverse, coupling)
     return LocalClass(members, torn, corner, K, factor, B_r, B_c, K_rc, F, A, S, shared,
                       Kept(seen, inverse, coupling) if changes else None)
+
+
+def interior_of(sub: Subdomain) -> Interior:
+    """The interior of a subdomain, eliminated, by what its own record says of its rim.
+
+    Raises NoSolution if the stiffness is not positive definite there.
+    """
+    return Interior(sub.stiffness(sub.values), sub.rim, _free(sub.dofs, sub.fixed))
+
+
+def _interior(structure: Substructure, s: int, K, needed: np.ndarray, ahead: dict) -> Interior:
+    """The interior of local subdomain s with the stiffness K, the nodes `needed` (n,) in its rim.
+
+    With the rim of its own record, unless other subdomains or effects need more of it: so the bits
+    are the same whether it was eliminated `ahead` or is now.
+    """
+    sub, free = structure.subdomains[s], _free(K.shape[0], structure.fixed[s])
+    inner = np.ones(len(free), bool)
+    inner[2 * sub.rim] = inner[2 * sub.rim + 1] = False
+    same = np.array_equal(free[inner], _free(sub.dofs, sub.fixed)[inner])
+    if same and np.isin(needed, sub.rim, assume_unique=True).all():
+        return ahead.pop(sub.index, None) or Interior(K, sub.rim, free)
+    return Interior(K, np.union1d(sub.rim, needed), free)
+
+
+def _free(dofs: int, fixed: np.ndarray) -> np.ndarray:
+    """(dofs,) marks those that are not `fixed`."""
+    free = np.ones(dofs, bool)
+    free[fixed] = False
+    return free
 
 
 def renew_rows(structure: Substructure, c: LocalClass) -> tuple[np.ndarray, np.ndarray]:

@@ -13,6 +13,7 @@ from ..feti.structure import Substructure, partition
 from ..options import Settings
 from ..scene.loader import read_subdomains
 from ..scene.manifest import Manifest, read_manifest
+from .ahead import Ahead
 from .quasistatic import QuasistaticSolver
 from .tearing import build
 
@@ -59,16 +60,21 @@ def _cycles(repeats: tuple[int, int] | None, samples: np.ndarray, settings: Sett
     return Cycles(int(np.searchsorted(samples, begin)), count, settings.cycles, plan)
 
 
-def assemble(directory: Path, comm, lap=lambda stage: None, widen=None) -> Problem:
+def assemble(directory: Path, comm, lap=lambda stage: None, widen=None,
+             ahead: Ahead | None = None) -> Problem:
     """The problem of an export; collective. `lap` is called when reading is done.
 
-    `widen`, if given, returns what it takes, manifest and subdomains, with more load patterns.
+    `widen`, if given, returns what it takes, manifest and subdomains, with more load patterns;
+    `ahead`, if given, has done a part of the work.
     """
+    ahead = ahead or Ahead(directory, comm)
     manifest = read_manifest(directory)
     first, last = partition(manifest.subdomains, comm)
-    subdomains = read_subdomains(manifest, first, last, comm)
+    subdomains = read_subdomains(manifest, first, last, comm, ahead.export)
     if widen:
         manifest, subdomains = widen(manifest, subdomains)
     lap("read")
     structure = build(manifest, subdomains, first, comm)
-    return Problem(manifest, structure, DualOperator(structure, comm))
+    operator = DualOperator(structure, comm, ahead.interiors)
+    ahead.drop()
+    return Problem(manifest, structure, operator)

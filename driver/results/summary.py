@@ -122,7 +122,8 @@ class Summary:
     parameters: dict = entry("parameters of the scene and options of the solver")
     versions: dict = entry("of the suite, Python, numpy and PETSc")
     seconds: dict = entry("wall time of the stages", "s", parts={
-        "export": "FreeFEM", "read": "reading its export", "setup": "reduction to the interfaces",
+        "export": "FreeFEM, and what is read and eliminated meanwhile",
+        "read": "reading its export", "setup": "reduction to the interfaces",
         "solve": "all time steps, those before an interruption included",
         "uniqueness": "search for other solutions of the steps, where there was one",
         "geometry": "renewing contact rows, where contact follows the motion",

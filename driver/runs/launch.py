@@ -1,12 +1,13 @@
 """Starts the part of a run that the ranks share, in this process or on several ranks.
 
-A stage is a function without arguments that imports a module for the ranks and gives its function
-run(directory, request, comm), which returns exit status and reason, on every rank alike.
+A stage is given as a function without arguments, which imports a module for the ranks and makes a
+`Stage` with what that does.
 """
 
 import contextlib
 import gc
 import json
+import select
 import signal
 import subprocess
 import sys
@@ -16,8 +17,7 @@ from pathlib import Path
 from .. import environment
 from ..errors import Defect, DriverError, InputError, defect_line, kept
 from ..options import CORES
-from ..scene import freefem
-from ..scene.manifest import Manifest
+from ..scene.manifest import Manifest, announced
 from . import hosts
 from .request import NAME, Request
 
@@ -29,6 +29,25 @@ POLL = 2e-3  # seconds between two looks of a rank whether there is a request
 def ranks_for(nodes: int, subdomains: int) -> int:
     """The ranks that solve an export soonest on this machine, where nobody asked for a number."""
     return max(1, min(CORES, subdomains, 2 * nodes // RANK))
+
+
+class Stage:
+    """What ranks do, by a function run(directory, request, comm) that returns exit status and
+    reason, on every rank alike.
+    """
+
+    ahead = False  # whether a part can be done before there is a request
+
+    def __init__(self, run):
+        self.run = run
+
+    def advance(self, _work: Path, _comm) -> bool:
+        """Do a little while FreeFEM works in `work`; whether there was something to do."""
+        return False
+
+    def __call__(self, work: Path, request: Request, comm) -> tuple[int, str]:
+        """Exit status and reason."""
+        return self.run(work, request, comm)
 
 
 class Ranks(contextlib.ExitStack):
@@ -43,24 +62,26 @@ class Ranks(contextlib.ExitStack):
         """`number` None: as many as the size of the export pays for."""
         super().__init__()
         self.work, self.stage, self.number = work, stage, number
-        self._child, self._loaded = None, False  # ranks that were started; the stage, here
+        self._child, self._loaded = None, None  # ranks that were started; the Stage, here
 
     def prepare(self) -> bool:
-        """Start ranks or load the stage here; whether to call again, to see whether they live or
-        how many there are to be, which is known once FreeFEM has the mesh.
+        """Start ranks or load the stage here, and begin with it; whether to call again: how many
+        ranks there are to be is known once FreeFEM has the mesh, whether they live at any time.
 
         Raises InputError if a package is missing or a rank has died.
         """
         if self._child and self._child.poll() is not None:
             self._answer()  # there is none
-        if self.number is None and (size := freefem.announced(self.work / "export")):
-            self.number = ranks_for(*size)
+        if self.number is None and (known := announced(self.work / "export")):
+            self.number = ranks_for(known.nodes, known.subdomains)
         if (self.number or 1) > 1:
             self._start()
-        elif not self._loaded:
-            load(self.stage)
-            self._loaded = True
-        return self.number is None or self._child is not None
+        elif self._loaded is None:
+            self._loaded = load(self.stage)
+        elif self.number == 1:
+            while self._loaded.advance(self.work, _world()):
+                pass  # what there is to do has to be done, whether FreeFEM has ended or not
+        return self.number is None or self._child is not None or self._loaded.ahead
 
     def solve(self, request: Request, manifest: Manifest | None = None) -> tuple[int, str]:
         """Run the stage; exit status and reason. The size is that of the export of `manifest`.
@@ -70,7 +91,7 @@ class Ranks(contextlib.ExitStack):
         if self.number is None:
             self.number = ranks_for(manifest.nodes, manifest.subdomains)
         if self.number == 1:
-            return solve_here(self.work, request, self.stage)
+            return solve_here(self.work, request, self._loaded or load(self.stage))
         request.write(self.work)
         self._start()
         return self._answer()
@@ -113,21 +134,27 @@ class Ranks(contextlib.ExitStack):
         return answer["status"], answer["reason"]
 
 
-def awaited(work: Path, stage) -> Request | None:
-    """What a rank that was started early is to do; None if the run came to nothing before.
-
-    Rank 0 is told by the end of its input, the others by rank 0: these sleep meanwhile, as the
-    cores are FreeFEM's. Collective. Raises InputError if a package is missing.
-    """
-    load(stage)
+def _world():
+    """All ranks that this process was started with."""
     from mpi4py import MPI
 
-    comm = MPI.COMM_WORLD
-    if comm.rank == 0:
-        sys.stdin.read()
+    return MPI.COMM_WORLD
+
+
+def awaited(work: Path, stage: Stage) -> Request | None:
+    """What a rank that was started early is to do; None if the run came to nothing before.
+
+    Rank 0 is told by the end of its input, the others by rank 0. Meanwhile they begin with the
+    stage, and sleep where there is nothing to do, as the cores are FreeFEM's. Collective.
+    """
+    comm = _world()
+    while comm.rank == 0 and not select.select([sys.stdin], [], [], 0)[0]:
+        if not stage.advance(work, comm):
+            time.sleep(POLL)
     begun = comm.Ibarrier()
     while not begun.Test():
-        time.sleep(POLL)
+        if not stage.advance(work, comm):
+            time.sleep(POLL)
     there = comm.bcast((work / NAME).exists() if comm.rank == 0 else None)
     return Request.read(work) if there else None
 
@@ -161,14 +188,14 @@ def _why_it_died(done: subprocess.CompletedProcess) -> str:
             f"{said}")
 
 
-def load(stage):
-    """Start PETSc and import `stage`; its function. Raises InputError if a package is missing."""
+def load(stage) -> Stage:
+    """Start PETSc and make the Stage. Raises InputError if a package is missing."""
     known = len(sys.modules)
     try:
         with environment.undisturbed():  # packages whose import is interrupted stay there in parts
             environment.prepare_numpy()
             environment.start_petsc()
-            run = stage()
+            loaded = stage()
     except ImportError as problem:
         raise environment.package_error(problem) from None
     except ValueError as problem:
@@ -178,15 +205,12 @@ def load(stage):
                          f"({problem}): use /usr/bin/python3") from None
     if len(sys.modules) > known:
         gc.freeze()  # modules stay to the end: the collector need not look through them again
-    return run
+    return loaded
 
 
-def solve_here(work: Path, request: Request, stage) -> tuple[int, str]:
+def solve_here(work: Path, request: Request, stage: Stage) -> tuple[int, str]:
     """Run a stage on the ranks that this process was started with; exit status and reason."""
-    run = load(stage)
-    from mpi4py import MPI
-
     try:
-        return run(work, request, MPI.COMM_WORLD)
+        return stage(work, request, _world())
     except DriverError as problem:  # all ranks have agreed on it
         return problem.exit_status, str(problem)

@@ -83,16 +83,16 @@ class Run:
 
 def solver():
     """Stage: the solution of a run."""
-    from .solve import run
+    from .solve import Solution
 
-    return run
+    return Solution()
 
 
 def search():
     """Stage: the search for settings that reach an accuracy."""
     from .search import run
 
-    return run
+    return launch.Stage(run)
 
 
 # ---- the stages of a run -------------------------------------------------------------------------

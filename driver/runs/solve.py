@@ -10,6 +10,7 @@ from ..environment import EVERY_STEP
 from ..errors import Defect, DriverError, InputError, agreed_writes, defect, shortage, words_of
 from ..estimates import adaptivity, between_steps, refinement, soundness, validity
 from ..estimates.energy import EnergyEstimator, excluded, of_time, report
+from ..march.ahead import Ahead
 from ..march.problem import Problem, assemble
 from ..march.quasistatic import QuasistaticSolver
 from ..march.saving import Checkpoints
@@ -83,7 +84,28 @@ class Progress:
             self.bar.close()
 
 
-def run(directory: Path, request: Request, comm) -> tuple[int, str]:
+class Solution(launch.Stage):
+    """The solution of a run, whose subdomains are read and eliminated while FreeFEM writes."""
+
+    ahead = True
+
+    def __init__(self):
+        super().__init__(run)
+        self._ahead = None
+
+    def advance(self, work: Path, comm) -> bool:
+        """See launch.Stage."""
+        if self._ahead is None:
+            self._ahead = Ahead(work / "export", comm)
+        return self._ahead.advance()
+
+    def __call__(self, work: Path, request: Request, comm) -> tuple[int, str]:
+        """See launch.Stage."""
+        return run(work, request, comm, self._ahead)
+
+
+def run(directory: Path, request: Request, comm,
+        ahead: Ahead | None = None) -> tuple[int, str]:
     """Solve the export in ``directory/export`` and write the results into `directory`.
 
     Goes on from a checkpoint in `directory`, if there is one. Exit status and reason are the same
@@ -91,7 +113,7 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
     """
     lap, idle = Laps(request.seconds), summary.largest_memory(comm)
     seconds, settings = lap.seconds, Settings(**request.settings)
-    problem = linearized(assemble(directory / "export", comm, lap), settings, comm)
+    problem = linearized(assemble(directory / "export", comm, lap, ahead=ahead), settings, comm)
     _check_quantity(request, problem)
     if request.refine:
         _check_estimates(problem)

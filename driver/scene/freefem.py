@@ -11,7 +11,6 @@ from .manifest import Manifest, read_manifest
 from .script import text_digest
 
 SCENES = environment.ROOT / "edp"
-SIZE = "size.txt"  # in an export, from its beginning: nodes and subdomains
 
 
 def scenes() -> dict[str, str]:
@@ -77,15 +76,6 @@ def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int 
     script.check_regions(scene, manifest)
     script.check_units(scene, manifest)
     return manifest
-
-
-def announced(directory: Path) -> tuple[int, int] | None:
-    """Nodes and subdomains of the export that FreeFEM works at, once it has the mesh."""
-    try:
-        line = (directory / SIZE).read_text()
-    except FileNotFoundError:
-        return None
-    return tuple(map(int, line.split())) if line.endswith("\n") else None
 
 
 def export_study(scene: Path, directory: Path, parameters: dict[str, str], name: str,

@@ -7,6 +7,10 @@ has. The seal shows what was changed since FreeFEM wrote it, record_checks.py wh
 scene, did wrong.
 """
 
+import itertools
+from pathlib import Path
+from typing import NamedTuple
+
 import numpy as np
 
 from ..errors import InputError, agree
@@ -20,48 +24,70 @@ from .subdomain import ContactData, Subdomain, row_start
 from .symmetric import Mirrors
 
 
-def read_subdomains(manifest: Manifest, start: int, stop: int, comm) -> list[Subdomain]:
+def read_subdomains(manifest: Manifest, start: int, stop: int, comm,
+                    growing=None) -> list[Subdomain]:
     """Read subdomains start <= s < stop; collective over `comm`.
 
-    Raises InputError (on all ranks alike) when a block is not what the seal says, or a record is
-    truncated, not finite, of the wrong size, out of range, or its stiffness is not symmetric or
-    resists a rigid motion.
+    `growing`, if given, is their growing.GrowingExport, which has read some already; they count if
+    that is what FreeFEM left. Raises InputError (on all ranks alike) when a block is not what the
+    seal says, or a record is truncated, not finite, of the wrong size, out of range, or its
+    stiffness is not symmetric or resists a rigid motion.
     """
-    subdomains, error, pieces = [], None, _Pieces(manifest)
+    subdomains, error, pieces, index = [], None, Pieces(manifest), {}
     try:
-        for block in range(manifest.blocks):
-            first = manifest.subdomains * block // manifest.blocks
-            last = manifest.subdomains * (block + 1) // manifest.blocks
-            if max(first, start) < min(last, stop):
-                subdomains += _read_block(manifest, block, (first, last), (start, stop), pieces)
+        blocks = {block: RecordFile(block.path, manifest.seal)
+                  for block in blocks_of(manifest, start, stop)}
+        if growing and growing.is_beginning_of(blocks):
+            subdomains, pieces, index = growing.subdomains, growing.pieces, growing.index
+            pieces.manifest = manifest
+        for block, file in blocks.items():
+            subdomains += _read_block(file, block, index.get(block, block.first), manifest, pieces)
     except InputError as problem:
         error = problem
     agree(comm, error)
     return subdomains
 
 
-def _read_block(manifest: Manifest, block: int, held: tuple[int, int], wanted: tuple[int, int],
-                pieces: "_Pieces") -> list[Subdomain]:
-    """The wanted subdomains of a block; `held` and `wanted` are ranges [first, end)."""
-    file = RecordFile(manifest.directory / f"block-{block}.bin", manifest.seal)
-    subdomains, index, end = [], held[0], min(held[1], wanted[1])
-    while index < end:
+class Block(NamedTuple):
+    """A file, the range [first, end) of subdomains that it has, and of those that are wanted."""
+
+    path: Path
+    first: int
+    end: int
+    start: int
+    stop: int
+
+
+def blocks_of(manifest: Manifest, start: int, stop: int) -> list[Block]:
+    """The files that have some of the subdomains start <= s < stop."""
+    ends = [manifest.subdomains * block // manifest.blocks for block in range(manifest.blocks + 1)]
+    blocks = [Block(manifest.directory / f"block-{block}.bin", first, end,
+                    max(first, start), min(end, stop))
+              for block, (first, end) in enumerate(itertools.pairwise(ends))]
+    return [block for block in blocks if block.start < block.stop]
+
+
+def _read_block(file: RecordFile, block: Block, index: int, manifest: Manifest,
+                pieces: "Pieces") -> list[Subdomain]:
+    """The wanted subdomains of a block from `index` on, whose record comes next."""
+    subdomains = []
+    while index < block.stop:
         head, place = file.head(), checks.Place(file.path, index)
         checks.check_head(head, manifest, place)
         layout = records.record_layout(head, manifest)
-        remaining = (wanted[0] if index < wanted[0] else end) - index
+        remaining = (block.start if index < block.start else block.stop) - index
         count = min(file.alike(head, layout), remaining)
         stack = file.stack(layout, count)
-        if index >= wanted[0]:
-            subdomains += _subdomains(stack, head, manifest, pieces, place)
+        if index >= block.start:
+            subdomains += subdomains_of(stack, head, manifest, pieces, place)
         index += count
-    if end == held[1] and not file.ended:
+    if block.stop == block.end and not file.ended:
         raise InputError(f"{file.path} goes on after its last record; run the scene again")
     return subdomains
 
 
-def _subdomains(stack: dict, head: Head, manifest: Manifest, pieces: "_Pieces",
-                place: checks.Place) -> list[Subdomain]:
+def subdomains_of(stack: dict, head: Head, manifest: Manifest, pieces: "Pieces",
+                  place: checks.Place) -> list[Subdomain]:
     """The subdomains of a stack of records, checked."""
     checks.check_numbers(stack["head"][:, 0], place)
     gid, xy = stack["gid"], _places(stack)
@@ -85,7 +111,7 @@ def _subdomains(stack: dict, head: Head, manifest: Manifest, pieces: "_Pieces",
     if head.contact:
         contact = _contacts(stack, head, manifest, place)
     fields = {name: stack["field", name] for name in manifest.fields}
-    return [Subdomain(index=place.first + s, node_gid=gid[s], xy=xy[s],
+    made = [Subdomain(index=place.first + s, node_gid=gid[s], xy=xy[s],
                       **_without_rows(piece) | springs.stiffened(piece, _of_record(fields, s)),
                       edge_label=stack["edge_label"][s], thermal=_of_record(suppressed, s),
                       loads=loads[s], edge_loads=_of_record(edge_loads, s),
@@ -95,6 +121,19 @@ def _subdomains(stack: dict, head: Head, manifest: Manifest, pieces: "_Pieces",
                       fields=_of_record(fields, s), cut_alike=not head.entries,
                       curved=bool(manifest.curved) and _is_curved(xy[s], piece["elements"]))
             for s, piece in enumerate(common)]
+    for sub in made if head.entries else ():
+        sub.rim = _rim(sub, manifest)
+    return made
+
+
+def _rim(sub: Subdomain, manifest: Manifest) -> np.ndarray:
+    """(n,) nodes, ascending, on boundaries that are joined, and where labels meet."""
+    edges = sub.edges[np.isin(sub.edge_label, manifest.joined_labels)]
+    least, most = np.full((2, len(sub.xy)), [[np.inf], [-np.inf]])
+    np.minimum.at(least, sub.edges, sub.edge_label[:, None])
+    np.maximum.at(most, sub.edges, sub.edge_label[:, None])
+    meet = np.flatnonzero(least < most)
+    return np.unique(np.concatenate([edges.ravel(), sub.middles(edges), meet]))
 
 
 def _without_rows(piece: dict) -> dict:
@@ -134,7 +173,7 @@ def _places(stack: dict) -> np.ndarray:
     return np.stack([stack["x"], stack["y"]], axis=-1)
 
 
-class _Pieces:
+class Pieces:
     """What subdomains share: that of shared.bin, and the stiffness read last.
 
     A piece is a dictionary of those attributes of a Subdomain that do not depend on where it is,
@@ -174,7 +213,7 @@ class _Pieces:
         if not file.ended:
             raise InputError(f"{file.path} goes on after its last record; run the scene again")
         xy = _places(stack)
-        self.shared = _Pieces(self.manifest)._own(stack, head, xy, place)[0]
+        self.shared = Pieces(self.manifest)._own(stack, head, xy, place)[0]
         self.shared_xy = xy[0]
 
     def _own(self, stack: dict, head: Head, xy: np.ndarray, place: checks.Place) -> list[dict]:

@@ -4,6 +4,8 @@ It is refused where it was changed since FreeFEM wrote it, and where its words a
 fit together.
 """
 
+import contextlib
+import itertools
 import json
 import math
 from dataclasses import dataclass, field, replace
@@ -92,6 +94,13 @@ class Manifest:
         return self.rooms.get("pair", {}).get("labels", [])
 
     @property
+    def joined_labels(self) -> list:
+        """Labels on which bodies or subdomains meet one another or obstacles, as declared."""
+        pairs = [pair for room in self.rooms.values() for pair in room.get("labels", [])
+                 if isinstance(pair, list)]
+        return [self.interface_label, *self.contact_labels, *itertools.chain(*pairs)]
+
+    @property
     def factors(self) -> "np.ndarray":
         """(steps + 1, patterns) factor of every load pattern at the start and after every step.
 
@@ -129,21 +138,40 @@ def read_manifest(directory: Path, scene: str | None = None) -> Manifest:
         raise InputError(f"{path} is missing: the FreeFEM stage did not finish; "
                          "run the scene again")
     seal = seals.read(path.parent, scene)
-    content = seals.check(seal, path)
+    content = seals.check(seal, path)[:]
     try:
-        raw = json.loads(content[:])
+        manifest = _manifest(path, content, seal)
+        blocks = len(seal.files.keys() - {path.name, seals.SHARED})
+        if manifest.blocks != blocks:
+            raise InputError(f"{path}: {manifest.blocks} blocks are declared, {blocks} were sealed")
+    except InputError as problem:
+        raise InputError(f"{problem}; run the scene again") from None
+    return manifest
+
+
+def announced(directory: Path) -> Manifest | None:
+    """The manifest of the export that FreeFEM works at, not sealed yet; None until it is whole."""
+    path = Path(directory) / "manifest.json"
+    with contextlib.suppress(FileNotFoundError, InputError):
+        return _manifest(path, path.read_bytes())
+    return None
+
+
+def _manifest(path: Path, content: bytes, seal: seals.Seal | None = None) -> Manifest:
+    """What the file `path` with this `content` says. Raises InputError."""
+    try:
+        raw = json.loads(content)
     except (ValueError, RecursionError) as problem:
-        raise InputError(f"{path} is not readable ({problem}); run the scene again") from None
+        raise InputError(f"{path} is not readable ({problem})") from None
     missing = [name for name in KINDS if not isinstance(raw, dict) or name not in raw]
     if missing:
-        raise InputError(f"{path} lacks {', '.join(missing)}; run the scene again")
-    manifest = Manifest(directory=Path(directory), raw=raw, seal=seal,
-                        between=raw.get("between", {}),
+        raise InputError(f"{path} lacks {', '.join(missing)}")
+    manifest = Manifest(directory=path.parent, raw=raw, seal=seal, between=raw.get("between", {}),
                         **{name: raw[name] for name in KINDS})
     try:
         _check_manifest(manifest)
     except InputError as problem:
-        raise InputError(f"{path}: {problem}; run the scene again") from None
+        raise InputError(f"{path}: {problem}") from None
     return manifest
 
 
@@ -166,9 +194,6 @@ def _check_manifest(manifest: Manifest) -> None:
            manifest.bodies) <= 0:
         raise InputError("subdomains, blocks, nodes, steps and bodies must be positive whole "
                          "numbers")
-    blocks = len(manifest.seal.files.keys() - {"manifest.json", seals.SHARED})
-    if manifest.blocks != blocks:
-        raise InputError(f"{manifest.blocks} blocks are declared, {blocks} were sealed")
     if not 0 < manifest.t_end < math.inf:
         raise InputError("t_end must be a positive number")
     if not all(_is(label, int) for label in [*manifest.labels, *manifest.regions,

@@ -5,6 +5,8 @@ arrays of the same sizes are read together, as one array each of shape (records,
 """
 
 import itertools
+import os
+import zlib
 from pathlib import Path
 from typing import NamedTuple
 
@@ -105,16 +107,12 @@ def _moments(manifest: Manifest) -> int:
     return 1 if manifest.element == "P1" else 3
 
 
-class RecordFile:
-    """Sequential reader of one sealed file: `position` is the number of words that are read."""
+class Records:
+    """Sequential reader of records: `position` is the number of `words` that are read."""
 
-    def __init__(self, path: Path, sealed: seal.Seal):
-        """Raises InputError where the file is not what the seal says."""
-        self.path, self.position = path, 0
-        content = seal.check(sealed, path)
-        if len(content) % 8:
-            raise InputError(f"{path} is truncated: its size is not a multiple of 8 bytes")
-        self.words = np.frombuffer(content, np.int64)
+    def __init__(self, path: Path, words: np.ndarray):
+        """`words` (n,) are those of the file `path`, or some of them."""
+        self.path, self.words, self.position = path, words, 0
 
     @property
     def ended(self) -> bool:
@@ -134,7 +132,7 @@ class RecordFile:
 
         That is one at least, and no more than STACK has room for.
         """
-        size, start = _words(layout), self.position
+        size, start = words_of(layout), self.position
         most = min(STACK // size + 1, (len(self.words) - start) // size)
         sizes = np.array([len(head), *head[1:]])
         compared = [0, *range(2, 1 + len(head))]  # all but the number of the subdomain
@@ -150,7 +148,7 @@ class RecordFile:
 
     def stack(self, layout: Layout, records: int = 1) -> dict:
         """The arrays (records, count) of the next records by name; float64 ones must be finite."""
-        size = _words(layout)
+        size = words_of(layout)
         table = self.words[self.position : self.position + records * size]
         # a single record may lack its end
         table = table.reshape(records, size) if records > 1 else table[None]
@@ -184,5 +182,50 @@ class RecordFile:
                                  f"{word}, found a count of {table[record, start]}")
 
 
-def _words(layout: Layout) -> int:
+class RecordFile(Records):
+    """One sealed file."""
+
+    def __init__(self, path: Path, sealed: seal.Seal):
+        """Raises InputError where the file is not what the seal says."""
+        content = seal.check(sealed, path)
+        if len(content) % 8:
+            raise InputError(f"{path} is truncated: its size is not a multiple of 8 bytes")
+        super().__init__(path, np.frombuffer(content, np.int64))
+
+
+class GrowingFile:
+    """A file that FreeFEM is writing: record after record, once it is whole.
+
+    `words` and `check` are the number and the CRC-32 of those that were read.
+    """
+
+    def __init__(self, path: Path):
+        self.path, self.words, self.check = path, 0, 0
+
+    def record(self, manifest: Manifest) -> tuple[Head, Records] | None:
+        """The head of the next record and its reader, None as long as it is not whole.
+
+        Raises InputError where it is no record.
+        """
+        try:
+            file = open(self.path, "rb")
+        except FileNotFoundError:
+            return None
+        with file:
+            there = os.fstat(file.fileno()).st_size // 8 - self.words
+            if there < 1 + len(Head._fields):
+                return None
+            file.seek(8 * self.words)
+            head = Records(self.path, np.fromfile(file, np.int64, 1 + len(Head._fields))).head()
+            size = words_of(record_layout(head, manifest))
+            if there < size:
+                return None
+            file.seek(8 * self.words)
+            words = np.fromfile(file, np.int64, size)
+        self.words, self.check = self.words + size, zlib.crc32(words, self.check)
+        return head, Records(self.path, words)
+
+
+def words_of(layout: Layout) -> int:
+    """The words of a record."""
     return sum(1 + count for _, count, _ in layout)

@@ -73,6 +73,9 @@ class Subdomain:
     springs: np.ndarray | None = None
     curved: bool = False  # middles of some sides are off the chord
     cut_alike: bool = False  # a piece of a rectangle whose mesh and stiffness others have, too
+    # (n,) nodes, ascending, on the interface, at contact and on boundaries that are joined, and
+    # where labels meet: what rows act on, and corners, are mostly among them; none where cut alike
+    rim: np.ndarray = field(default_factory=lambda: np.empty(0, np.int64))
     # of patterns on edges the sum of sizes by which nodal forces change with the quadrature
     unseen: dict[int, float] = field(default_factory=dict)
 

@@ -37,7 +37,7 @@ def parametric():
     """Stage: all values of a study."""
     from .parametric import run
 
-    return run
+    return launch.Stage(run)
 
 
 def make_study(pairs: dict[str, str]) -> tuple[dict, Path]:

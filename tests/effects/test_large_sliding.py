@@ -6,8 +6,8 @@ import pytest
 from driver.contact import curve, mortar
 from driver.contact.side import Side
 from driver.files import read_rows, read_table
-from driver.feti.cholesky import TornFactor
 from driver.feti.operator import DualOperator
+from driver.feti.torn_factor import TornFactor
 from driver.march.problem import assemble
 from driver.march.saving import restore, snapshot
 from driver.options import Settings

@@ -11,9 +11,18 @@ from scipy.sparse import bsr_matrix, csr_matrix, eye, random
 
 from driver.errors import NoSolution
 from driver.feti import cholesky
-from driver.feti.cholesky import TornFactor
+from driver.feti.cholesky import Interior
+from driver.feti.torn_factor import TornFactor
 
 ROUNDING = 1e-12
+
+
+def factor_of(K, dofs, seen, corner, together=1, rim=()):
+    """A TornFactor of the torn `dofs`, those `seen` with rows, and the rim that they need."""
+    free, nodes = np.zeros(K.shape[0], bool), np.unique(dofs[seen] // 2)
+    free[dofs] = free[corner] = True
+    rim = np.unique(np.concatenate([nodes, corner // 2, np.array(rim, int)]))
+    return TornFactor(Interior(K, rim, free), dofs, nodes, together)
 
 
 def torn(seed: int):
@@ -33,7 +42,7 @@ def torn(seed: int):
 def test_blocks_are_those_of_dense_algebra(seed):
     """Sparse patterns have interiors in many parts, interface dofs apart, and none of either."""
     K, dofs, seen, corner = torn(seed)
-    factor, dense = TornFactor(K, dofs, dofs[seen] // 2), K.toarray()
+    factor, dense = factor_of(K, dofs, seen, corner), K.toarray()
     inverse = np.linalg.inv(dense[np.ix_(dofs, dofs)])
     K_rc = dense[np.ix_(dofs, corner)]
     on_seen, coupling, schur = factor.reduced(corner)
@@ -50,7 +59,7 @@ def test_blocks_are_those_of_dense_algebra(seed):
 def test_displacements_between_known_corners_take_a_pass_up_the_factor(seed):
     """Loads anywhere and forces of rows on t, whose pass down is that of all rows of L."""
     K, dofs, seen, corner = torn(seed)
-    factor, dense = TornFactor(K, dofs, dofs[seen] // 2), K.toarray()
+    factor, dense = factor_of(K, dofs, seen, corner), K.toarray()
     factor.reduced(corner)
     load, on_rows = np.random.default_rng(seed).standard_normal((2, 3, len(dofs)))
     on_rows[:, ~seen] = 0.0
@@ -68,7 +77,7 @@ def test_displacements_between_known_corners_take_a_pass_up_the_factor(seed):
 def test_the_bits_of_a_solution_do_not_depend_on_how_many_there_are(seed):
     """Subdomains that are alike on several ranks: any of them are solved for side by side."""
     K, dofs, seen, corner = torn(seed)
-    factor, rng = TornFactor(K, dofs, dofs[seen] // 2, 4), np.random.default_rng(seed)
+    factor, rng = factor_of(K, dofs, seen, corner, 4), np.random.default_rng(seed)
     factor.reduced(corner)
     load, u_c = rng.standard_normal((7, len(dofs))), rng.standard_normal((7, len(corner)))
     on_rows = np.where(seen, rng.standard_normal((7, len(dofs))), 0.0)
@@ -82,8 +91,8 @@ def test_the_bits_of_a_solution_do_not_depend_on_how_many_there_are(seed):
 def test_corners_that_alone_leave_a_body_loose_are_no_obstacle():
     """A bar of two nodes, both corners: nothing is torn, and S is the singular stiffness itself."""
     K = csr_matrix([[1.0, -1.0], [-1.0, 1.0]])
-    none = np.empty(0, int)
-    _, _, schur = TornFactor(K, none, none).reduced(np.arange(2))
+    none, both = np.empty(0, int), np.arange(2)
+    _, _, schur = factor_of(K, none, none, both).reduced(both)
     assert np.abs(schur - K.toarray()).max() < 1e-15
 
 
@@ -95,13 +104,14 @@ def test_singular_and_indefinite_stiffness_is_refused(K, seen, unit):
     """Free motions, negative and missing stiffness, inside and where rows act, in any unit; also
     where the last bit of a diagonal entry is left. Two nodes that move in one direction.
     """
-    both = np.array([0, 2]), np.flatnonzero(seen)
+    none = np.empty(0, int)
+    both = np.array([0, 2]), np.array(seen), none
     for last in (1.0, 1.0 + np.finfo(float).eps):
         bad = csr_matrix(unit * np.kron(np.array(K) * [[1.0, 1.0], [1.0, last]], np.eye(2)))
         with pytest.raises(NoSolution, match="positive definite"):
-            TornFactor(bad, *both).reduced(np.empty(0, int))
+            factor_of(bad, *both).reduced(none)
     sound = csr_matrix(unit * np.kron([[2.0, -1.0], [-1.0, 2.0]], np.eye(2)))
-    TornFactor(sound, *both).reduced(np.empty(0, int))
+    factor_of(sound, *both).reduced(none)
 
 
 def test_the_lower_triangle_is_mirrored(monkeypatch):
@@ -121,7 +131,7 @@ def test_factors_are_kept_in_blocks_of_nodes(seed, monkeypatch):
     made, split = [], cholesky._blocks
     monkeypatch.setattr(cholesky, "_blocks", lambda *L: made.append((*L, split(*L))) or made[0][2])
     K, dofs, seen, corner = torn(seed)
-    TornFactor(K, dofs, dofs[seen] // 2).reduced(corner)
+    factor_of(K, dofs, seen, corner).reduced(corner)
     L, inner, (start, row, values) = made[0]
     wanted = np.eye(L.size[0])
     wanted[:, :inner] = np.array(matrix(L))[:, :inner]
@@ -132,7 +142,7 @@ def test_factors_are_kept_in_blocks_of_nodes(seed, monkeypatch):
 
 def test_a_subdomain_that_supports_hold_in_all_dofs_has_nothing():
     """A triangle in a clamped corner."""
-    factor = TornFactor(csr_matrix(np.eye(6)), *np.empty((2, 0), int))
+    factor = factor_of(csr_matrix(np.eye(6)), *np.empty((3, 0), int))
     assert [part.shape for part in factor.reduced(np.empty(0, int))] == [(0, 0)] * 3
     none = np.empty((2, 0))
     assert not factor.forward(none).size and not factor.forward_of_rows(none).size

@@ -12,7 +12,7 @@ import pytest
 
 from driver import cli, environment
 from driver.errors import InputError
-from driver.runs import launch, run
+from driver.runs import launch, run, solve
 from driver.scene import freefem
 
 WORDS = ("SCENE=model", "STEPS=1", "ERRORS=no", "FIGURES=no", "QUIET=yes")
@@ -52,18 +52,49 @@ def test_a_run_has_the_ranks_that_its_size_pays_for_unless_they_are_given(tmp_pa
 
 
 def test_ranks_start_as_soon_as_freefem_has_the_mesh(manifest, tmp_path, monkeypatch):
-    """It says how many nodes and subdomains there are, a line that counts once it is whole."""
-    assert freefem.announced(manifest.directory) == (manifest.nodes, manifest.subdomains)
-    started = []
+    """The manifest, which comes first, says how many nodes and subdomains there are."""
+    started, content = [], (manifest.directory / "manifest.json").read_bytes()
     monkeypatch.setattr(launch, "CORES", 2)
+    monkeypatch.setattr(launch, "RANK", manifest.nodes)
     monkeypatch.setattr(launch.Ranks, "_start", lambda ranks: started.append(ranks.number))
     ranks = launch.Ranks(tmp_path, run.solver, None)
     (tmp_path / "export").mkdir()
-    for text, again in (("", True), (f"{launch.RANK} ", True), (f"{launch.RANK} 4\n", False)):
+    for size in (0, len(content) // 2, len(content)):
         assert not started
-        (tmp_path / "export" / freefem.SIZE).write_text(text)
-        assert ranks.prepare() is again
+        (tmp_path / "export" / "manifest.json").write_bytes(content[:size])
+        assert ranks.prepare()
     assert started == [2]
+
+
+def test_subdomains_are_taken_while_freefem_works(tmp_path, monkeypatch):
+    """One after the other, with the bits of a run that waits for FreeFEM's end."""
+    words = ["SCENE=tutorial", "STEPS=2", "SUBDOMAINS=20", "H=0.8", *WORDS[2:], "NP=1"]
+    bits, taken, advance = [], [], solve.Solution.advance
+    for allowed in (True, False):
+        monkeypatch.setattr(solve.Solution, "advance", lambda stage, *at, allowed=allowed:
+                            allowed and (taken.append(stage) or advance(stage, *at)))
+        out = tmp_path / str(allowed)
+        run.execute(run.Run.from_pairs(cli.parse_pairs([*words, f"OUT={out}"])))
+        bits.append([(out / file).read_bytes() for file in ("contact.csv", "boundary.csv")])
+    assert taken and bits[0] == bits[1]
+
+
+def test_ranks_that_wait_begin_with_the_stage(manifest, monkeypatch):
+    """Until the end of their input says that there is a request, or that there is none."""
+    read, write = os.pipe()
+    works, seen = iter([True, False, True]), []
+
+    class Stage(launch.Stage):
+        def advance(self, work, comm):
+            seen.append((work, comm.size))
+            if len(seen) == 5:
+                os.close(write)
+            return next(works, False)
+
+    with open(read, encoding="ascii") as waiting:
+        monkeypatch.setattr(sys, "stdin", waiting)
+        assert launch.awaited(manifest.directory, Stage(None)) is None
+    assert len(seen) >= 5 and set(seen) == {(manifest.directory, 1)}
 
 
 def test_ranks_that_wait_end_with_a_run_that_comes_to_nothing(tmp_path):

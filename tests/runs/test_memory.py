@@ -140,8 +140,7 @@ def test_a_factorization_that_finds_no_memory_does_not_blame_the_supports(monkey
 
     monkeypatch.setattr(cholesky.cholmod, "numeric", starved)
     with pytest.raises(MemoryError) as problem:
-        none = np.arange(0)
-        cholesky.TornFactor(identity(4, format="csr"), np.arange(4), none).reduced(none)
+        cholesky.Interior(identity(4, format="csr"), np.arange(0), np.ones(4, bool))
     assert shortage(problem.value) == NO_MEMORY
 
 

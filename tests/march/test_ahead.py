@@ -1,0 +1,129 @@
+"""What is read and eliminated while FreeFEM writes changes no bit of what comes after."""
+
+import shutil
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from driver.errors import NoSolution
+from driver.feti import reduction
+from driver.feti.cholesky import Interior
+from driver.march import ahead as stage
+from driver.march.ahead import Ahead
+from driver.march.problem import assemble
+from driver.scene import loader
+
+# supports, contact and pairs meet cuts; quadratic, several bodies, sliding, loose ones
+SCENES = ["tutorial", "bracket", "joint", "latch", "o-ring", "stack"]
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """Interiors that were eliminated: of how many nodes the rim was."""
+    sizes = []
+
+    def count(K, rim, free):
+        sizes.append(len(rim))
+        return Interior(K, rim, free)
+
+    monkeypatch.setattr(reduction, "Interior", count)
+    return sizes
+
+
+def matrices(problem) -> list[np.ndarray]:
+    """Of all classes, what products and the coarse problem are made of."""
+    return [part for c in problem.operator.classes for part in (c.F, c.A, c.S)]
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_all_some_or_nothing_ahead_have_the_same_bits(exported, made, name):
+    """And nothing is eliminated twice: a record says all that the rim needs."""
+    export = exported(name, subdomains=7, steps=1)
+    alone = assemble(export, MPI.COMM_SELF)
+    number, weights = len(made), np.ones(alone.structure.patterns)
+    for steps in (3, 100):
+        ahead = Ahead(export, MPI.COMM_SELF)
+        assert sum(ahead.advance() for _ in range(steps)) == min(steps, 7)
+        made[:] = made[number:]
+        problem = assemble(export, MPI.COMM_SELF, ahead=ahead)
+        assert len(made) == number and not ahead.interiors and ahead.export is None
+        for one, other in zip(matrices(problem), matrices(alone), strict=True):
+            assert np.array_equal(one, other)
+        x = np.linspace(-1, 1, problem.operator.owned)
+        for one, other in zip(problem.operator.displacements(x, weights),
+                              alone.operator.displacements(x, weights)):
+            assert np.array_equal(one, other)
+
+
+def test_a_rim_that_lacks_what_rows_need_is_widened(exported, made, monkeypatch):
+    """As where a subdomain touches another one in a vertex of its outer boundary alone."""
+    export = exported("tutorial", subdomains=7, steps=1)
+    wanted = matrices(assemble(export, MPI.COMM_SELF))
+    rim = loader._rim
+    monkeypatch.setattr(loader, "_rim", lambda *record: rim(*record)[::2])
+    ahead = Ahead(export, MPI.COMM_SELF)
+    while ahead.advance():
+        pass
+    found = matrices(assemble(export, MPI.COMM_SELF, ahead=ahead))
+    assert len(made) == 21 and np.less(made[7:14], made[14:]).all()
+    # another order of elimination: rounding of factors with condition numbers to 1e4
+    for one, other in zip(found, wanted, strict=True):
+        assert np.abs(one - other).max(initial=0) <= 1e-11 * np.abs(other).max(initial=0)
+
+
+def test_supports_that_neighbours_mark_inside_are_heeded(exported, made):
+    """Whatever marks a dof that the record leaves free: K_ii is not what was eliminated."""
+    export = exported("tutorial", subdomains=7, steps=1)
+    problem = assemble(export, MPI.COMM_SELF)
+    structure, s = problem.structure, 3
+    sub, known = structure.subdomains[s], reduction.interior_of(structure.subdomains[s])
+    inner = np.setdiff1d(np.arange(sub.dofs), np.concatenate([2 * sub.rim, 2 * sub.rim + 1]))
+    structure.fixed[s] = np.sort(np.append(structure.fixed[s], inner[5]))
+    structure.fixed_values[s] = np.zeros((structure.patterns, len(structure.fixed[s])))
+    c = reduction.reduce_class(structure, [s], sub.values, False, {sub.index: known})
+    dense = c.K.toarray()
+    wanted = c.B_r @ np.linalg.solve(dense[np.ix_(c.torn, c.torn)], c.B_r.T.toarray())
+    assert len(c.torn) == sub.dofs - len(c.corner) - len(structure.fixed[s])
+    assert np.abs(c.F - wanted).max() <= 1e-11 * np.abs(wanted).max()
+
+
+def test_what_is_not_sound_is_left_to_the_loader(exported, tmp_path, monkeypatch):
+    """A stiffness that is not positive definite, and records that are none: nothing is kept."""
+    export = exported("tutorial", subdomains=7, steps=1)
+    shutil.copytree(export, tmp_path, dirs_exist_ok=True)
+    calls = []
+
+    def singular(sub):
+        calls.append(sub.index)
+        if sub.index == 2:
+            raise NoSolution("singular")
+        return reduction.interior_of(sub)
+
+    monkeypatch.setattr(stage, "interior_of", singular)
+    ahead = Ahead(tmp_path, MPI.COMM_SELF)
+    assert [ahead.advance() for _ in range(4)] == [True, True, False, False]
+    assert calls == [0, 1, 2] and ahead.export is None and not ahead.interiors
+    (tmp_path / "block-0.bin").write_bytes(bytes(range(256)) * 40)
+    ahead = Ahead(tmp_path, MPI.COMM_SELF)
+    assert not ahead.advance() and ahead.export is None
+
+
+def test_nothing_is_done_before_there_is_something(tmp_path, exported):
+    """FreeFEM makes the mesh first."""
+    ahead = Ahead(tmp_path / "export", MPI.COMM_SELF)
+    assert not ahead.advance()
+    shutil.copytree(exported("tutorial", subdomains=7, steps=1), tmp_path / "export")
+    assert ahead.advance() and ahead.export.subdomains[0].index == 0
+
+
+def test_a_subdomain_like_the_one_before_has_its_factor(exported, monkeypatch):
+    """Equal ones are of a class, which is reduced once."""
+    ahead, other = (Ahead(exported("tutorial", subdomains=7, steps=1), MPI.COMM_SELF)
+                    for _ in range(2))
+    ahead.advance()
+    second = ahead.export.subdomains[0]
+    monkeypatch.setattr(ahead.export, "read", lambda: ahead.export.subdomains.append(second)
+                        or second)
+    assert ahead.advance() and list(ahead.interiors) == [0]
+    assert other.advance() and other.advance() and list(other.interiors) == [0, 1]
