@@ -100,6 +100,18 @@ def test_motions_that_nothing_holds_are_said_once(x, loose):
         of.history.warnings[0])
 
 
+@pytest.mark.parametrize("force, loose", [(1e-17, True), (1e-3, False)])
+def test_forces_that_are_rounding_of_others_hold_nothing(force, loose):
+    """A disc in a groove touched a third place with 4e-14 of its weight, and seemed to rest there.
+    """
+    of = free([mode()], [[0.0, 1.0, 0.0, 0.0]])
+    x = np.array([4.0, force, 2.0, 0.0])
+    of.note_loose_motion(3, x)
+    assert len(of.history.warnings) == loose
+    place, held, beside, _, _ = of._conditions(x, np.zeros(4))
+    assert (11 in place) is not loose and (11 in beside) is loose and len(held) == len(place)
+
+
 @pytest.mark.parametrize("x, loose", [([4.0, 0, 2, 0], False), ([0.0, 0, 0, 0], True)])
 def test_friction_that_slip_changes_may_hold_what_slides(x, loose):
     """Where it is; a node that nothing presses has none."""

@@ -59,6 +59,9 @@ def test_states_and_bounds_of_rows():
     assert lower.tolist() == [0, 0, 0, -inf, 0, -1.25, -1, -1, -inf]
     assert upper.tolist() == [inf] * 4 + [0, 1.25, 1, 1, inf]
     assert one.sliding(x, one.friction_bound(x)).tolist() == [1, 1, 0, -1]
+    for part, signs in ((1 - 1e-14, [1, 1, 0, -1]), (1 - 1e-12, [1, 0, 0, 0])):  # rounding, and not
+        inside = np.append(x[:4], part * x[4:])
+        assert one.sliding(inside, one.friction_bound(x)).tolist() == signs
     pressed = one.pressing(x - [1, 0, 0, 0, 0, 0, 0, 0, 0])
     assert pressed[:4].tolist() == [0, 2, 2, -2]
     more = np.array([4.0, 4, 4, -4, 9, -9, 0.5, 0.5, 0])
