@@ -122,8 +122,8 @@ def test_a_subdomain_like_the_one_before_has_its_factor(exported, monkeypatch):
     ahead, other = (Ahead(exported("tutorial", subdomains=7, steps=1), MPI.COMM_SELF)
                     for _ in range(2))
     ahead.advance()
-    second = ahead.export.subdomains[0]
-    monkeypatch.setattr(ahead.export, "read", lambda: ahead.export.subdomains.append(second)
-                        or second)
-    assert ahead.advance() and list(ahead.interiors) == [0]
+    first, again = ahead.interiors[0], ahead.export.subdomains[0]
+    monkeypatch.setattr(ahead.export, "read", lambda: ahead.export.subdomains.append(again)
+                        or again)
+    assert ahead.advance() and ahead.interiors == {0: first}
     assert other.advance() and other.advance() and list(other.interiors) == [0, 1]
