@@ -1,9 +1,15 @@
 """Seconds of the stages of a run."""
 
+import resource
 import time
 from collections.abc import Callable
 
 STARTED = time.perf_counter()  # when this process had just begun to import the driver
+
+
+def memory_used() -> float:
+    """MiB that this process has used at most, so far."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 class Laps:

@@ -6,7 +6,7 @@ where K alone may be singular,
     L = [ L_ii       ],     L_bb L_bb' - alpha = S = K_bb - K_bi K_ii^-1 K_ib.
         [ L_bi  L_bb ]
 
-The rim has what rows act on and the corners (see rim.py), and S all that they need of the interior.
+The rim has what rows act on and the corners, and S all that they need of the interior.
 CHOLMOD factorizes (Chen, Davis, Hager, Rajamanickam, ACM Trans. Math. Softw. 35 (2008)), by its
 bindings in cvxopt.
 
@@ -46,7 +46,7 @@ class Interior:
         Dofs 2 k and 2 k + 1 are of node k. Raises NoSolution unless K_ii is positive definite.
         """
         of_rim = (2 * rim[:, None] + [0, 1]).ravel()
-        self.rim, self.stiffness = rim, K.diagonal()  # (dofs,)
+        self.stiffness = K.diagonal()  # (dofs,)
         self.free = free.copy()  # (dofs,)
         self.free[of_rim] = True
         is_inner = self.free.reshape(-1, 2).any(axis=1)

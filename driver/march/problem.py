@@ -71,10 +71,9 @@ def assemble(directory: Path, comm, lap=lambda stage: None, widen=None,
     manifest = read_manifest(directory)
     first, last = partition(manifest.subdomains, comm)
     subdomains = read_subdomains(manifest, first, last, comm, ahead.export)
+    interiors = ahead.claim(subdomains)
     if widen:
         manifest, subdomains = widen(manifest, subdomains)
     lap("read")
     structure = build(manifest, subdomains, first, comm)
-    operator = DualOperator(structure, comm, ahead.interiors)
-    ahead.drop()
-    return Problem(manifest, structure, operator)
+    return Problem(manifest, structure, DualOperator(structure, comm, interiors))

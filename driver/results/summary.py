@@ -4,7 +4,6 @@ The entries are the fields of `Summary`, in their order; each carries its unit a
 which the reference follows. Entries that a run has not (None) are left out.
 """
 
-import resource
 import sys
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
@@ -19,6 +18,7 @@ from ..files import write_json
 from ..march.problem import Problem
 from ..march.quasistatic import QuasistaticSolver
 from ..options import Settings
+from ..timing import memory_used
 from . import omissions
 from .ledger import ledger
 from .writer import Writer
@@ -122,7 +122,7 @@ class Summary:
     parameters: dict = entry("parameters of the scene and options of the solver")
     versions: dict = entry("of the suite, Python, numpy and PETSc")
     seconds: dict = entry("wall time of the stages", "s", parts={
-        "export": "FreeFEM, and what is read and eliminated meanwhile",
+        "export": "FreeFEM, without what is read and reduced meanwhile",
         "read": "reading its export", "setup": "reduction to the interfaces",
         "solve": "all time steps, those before an interruption included",
         "uniqueness": "search for other solutions of the steps, where there was one",
@@ -265,7 +265,7 @@ def write(directory: Path, summary: Summary, comm) -> None:
 
 def largest_memory(comm) -> float:
     """MiB that the ranks have used at most, so far, added up; collective."""
-    return comm.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+    return comm.allreduce(memory_used())
 
 
 def reference() -> list[dict[str, str]]:

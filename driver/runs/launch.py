@@ -41,7 +41,7 @@ class Stage:
     def __init__(self, run):
         self.run = run
 
-    def advance(self, _work: Path, _comm) -> bool:
+    def advance(self, work: Path, comm) -> bool:  # pylint: disable=unused-argument
         """Do a little while FreeFEM works in `work`; whether there was something to do."""
         return False
 

@@ -6,10 +6,13 @@ import time
 import traceback
 from pathlib import Path
 
+import numpy as np
+
 from ..environment import EVERY_STEP
 from ..errors import Defect, DriverError, InputError, agreed_writes, defect, shortage, words_of
 from ..estimates import adaptivity, between_steps, refinement, soundness, validity
 from ..estimates.energy import EnergyEstimator, excluded, of_time, report
+from ..feti.gathering import largest
 from ..march.ahead import Ahead
 from ..march.problem import Problem, assemble
 from ..march.quasistatic import QuasistaticSolver
@@ -24,6 +27,7 @@ from . import launch
 from .request import Request
 from .workspace import lock_log
 
+EXPORT = "export"  # where FreeFEM writes, in the directory of a run
 NO_ESTIMATES = "not all errors could be estimated"  # a warning, with the reason
 
 
@@ -96,7 +100,7 @@ class Solution(launch.Stage):
     def advance(self, work: Path, comm) -> bool:
         """See launch.Stage."""
         if self._ahead is None:
-            self._ahead = Ahead(work / "export", comm)
+            self._ahead = Ahead(work / EXPORT, comm)
         return self._ahead.advance()
 
     def __call__(self, work: Path, request: Request, comm) -> tuple[int, str]:
@@ -108,17 +112,20 @@ def run(directory: Path, request: Request, comm,
         ahead: Ahead | None = None) -> tuple[int, str]:
     """Solve the export in ``directory/export`` and write the results into `directory`.
 
-    Goes on from a checkpoint in `directory`, if there is one. Exit status and reason are the same
-    on every rank; collective. Raises DriverError on all ranks where there is nothing to keep.
+    Goes on from a checkpoint in `directory`, if there is one; `ahead` has done a part of the work,
+    if it is given. Exit status and reason are the same on every rank; collective. Raises
+    DriverError on all ranks where there is nothing to keep.
     """
-    lap, idle = Laps(request.seconds), summary.largest_memory(comm)
+    ahead = ahead or Ahead(directory / EXPORT, comm)
+    lap, idle = Laps(request.seconds), comm.allreduce(ahead.idle)
     seconds, settings = lap.seconds, Settings(**request.settings)
-    problem = linearized(assemble(directory / "export", comm, lap, ahead=ahead), settings, comm)
+    problem = linearized(assemble(directory / EXPORT, comm, lap, ahead=ahead), settings, comm)
     _check_quantity(request, problem)
     if request.refine:
         _check_estimates(problem)
     solver = problem.solver(settings)
     lap("setup")
+    _book(ahead, seconds, comm)
     writer = Writer(directory, problem.manifest, problem.operator, solver, request.fields)
     estimator = EnergyEstimator(problem.operator, problem.manifest, writer.contact,
                                 settings.estimator)
@@ -153,6 +160,19 @@ def run(directory: Path, request: Request, comm,
     leave(*_estimated(directory, request, problem, failure, writer, estimator, lap,
                       (memory, idle)))
     return status, reason
+
+
+def _book(ahead: Ahead, seconds: dict, comm) -> None:
+    """Count what was done while FreeFEM worked to its stages, and not to FreeFEM's; collective.
+
+    What a run takes in all stays the same.
+    """
+    spent = largest(comm, np.array([*ahead.seconds.values()]))
+    if spent.any():
+        spent *= min(1.0, seconds["export"] / spent.sum())
+        seconds["export"] -= spent.sum()
+        for stage, of_stage in zip(ahead.seconds, spent.tolist()):
+            seconds[stage] += of_stage
 
 
 def _check_quantity(request: Request, problem: Problem) -> None:

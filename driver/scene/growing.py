@@ -27,7 +27,7 @@ class GrowingExport:
         self.subdomains, self.pieces = [], Pieces(self.manifest)
         self.files = {block: GrowingFile(block.path)
                       for block in blocks_of(self.manifest, self.start, self.stop)}
-        self.index = {block: block.first for block in self.files}  # of the record that comes next
+        self.index = {block: block.held[0] for block in self.files}  # of the record that comes next
 
     def read(self) -> Subdomain | None:
         """The next subdomain, if its record is whole.
@@ -35,28 +35,27 @@ class GrowingExport:
         Raises InputError where a record is not sound, or shares a stiffness that is elsewhere.
         """
         for block, file in self.files.items():
-            while (index := self.index[block]) < block.stop:
-                record = file.record(self.manifest)
+            while (index := self.index[block]) < block.wanted[1]:
+                head, place = file.head(), checks.Place(file.path, index)
+                if head is None:
+                    return None
+                checks.check_head(head, self.manifest, place)
+                if not head.entries:
+                    raise InputError(f"{file.path}: the stiffness is in another file")
+                layout = records.record_layout(head, self.manifest)
+                record = file.record(layout)
                 if record is None:
                     return None
                 self.index[block] += 1
-                if index >= block.start:
-                    self.subdomains += self._subdomain(*record, checks.Place(file.path, index))
+                if index >= block.wanted[0]:
+                    self.subdomains += subdomains_of(record.stack(layout), head, self.manifest,
+                                                     self.pieces, place)
                     return self.subdomains[-1]
         return None
 
-    def _subdomain(self, head: records.Head, record: records.Records,
-                   place: checks.Place) -> list[Subdomain]:
-        """The only one of a record, in a list."""
-        checks.check_head(head, self.manifest, place)
-        if not head.entries:
-            raise InputError(f"{place.path}: the stiffness is in another file")
-        stack = record.stack(records.record_layout(head, self.manifest))
-        return subdomains_of(stack, head, self.manifest, self.pieces, place)
-
-    def is_beginning_of(self, blocks: dict[Block, RecordFile]) -> bool:
+    def is_beginning_of(self, manifest: Manifest, blocks: dict[Block, RecordFile]) -> bool:
         """Whether sealed files begin with what was read; they go on after it if they do."""
-        found = blocks.keys() == self.files.keys() and all(
+        found = self.manifest.raw == manifest.raw and blocks.keys() == self.files.keys() and all(
             zlib.crc32(blocks[block].words[: file.words]) == file.check
             for block, file in self.files.items())
         for block, file in self.files.items() if found else ():

@@ -37,11 +37,13 @@ def read_subdomains(manifest: Manifest, start: int, stop: int, comm,
     try:
         blocks = {block: RecordFile(block.path, manifest.seal)
                   for block in blocks_of(manifest, start, stop)}
-        if growing and growing.is_beginning_of(blocks):
-            subdomains, pieces, index = growing.subdomains, growing.pieces, growing.index
+        if growing and growing.is_beginning_of(manifest, blocks):
+            subdomains, index = growing.subdomains[:], growing.index
+            pieces = growing.pieces
             pieces.manifest = manifest
         for block, file in blocks.items():
-            subdomains += _read_block(file, block, index.get(block, block.first), manifest, pieces)
+            index_ = index.get(block, block.held[0])
+            subdomains += _read_block(file, block, index_, manifest, pieces)
     except InputError as problem:
         error = problem
     agree(comm, error)
@@ -49,39 +51,37 @@ def read_subdomains(manifest: Manifest, start: int, stop: int, comm,
 
 
 class Block(NamedTuple):
-    """A file, the range [first, end) of subdomains that it has, and of those that are wanted."""
+    """A file and ranges [first, end) of subdomains: what it holds, and what is wanted of that."""
 
     path: Path
-    first: int
-    end: int
-    start: int
-    stop: int
+    held: tuple[int, int]
+    wanted: tuple[int, int]
 
 
 def blocks_of(manifest: Manifest, start: int, stop: int) -> list[Block]:
     """The files that have some of the subdomains start <= s < stop."""
     ends = [manifest.subdomains * block // manifest.blocks for block in range(manifest.blocks + 1)]
-    blocks = [Block(manifest.directory / f"block-{block}.bin", first, end,
-                    max(first, start), min(end, stop))
+    blocks = [Block(manifest.directory / f"block-{block}.bin", (first, end),
+                    (max(first, start), min(end, stop)))
               for block, (first, end) in enumerate(itertools.pairwise(ends))]
-    return [block for block in blocks if block.start < block.stop]
+    return [block for block in blocks if block.wanted[0] < block.wanted[1]]
 
 
 def _read_block(file: RecordFile, block: Block, index: int, manifest: Manifest,
                 pieces: "Pieces") -> list[Subdomain]:
     """The wanted subdomains of a block from `index` on, whose record comes next."""
-    subdomains = []
-    while index < block.stop:
+    subdomains, (first, end) = [], block.wanted
+    while index < end:
         head, place = file.head(), checks.Place(file.path, index)
         checks.check_head(head, manifest, place)
         layout = records.record_layout(head, manifest)
-        remaining = (block.start if index < block.start else block.stop) - index
+        remaining = (first if index < first else end) - index
         count = min(file.alike(head, layout), remaining)
         stack = file.stack(layout, count)
-        if index >= block.start:
+        if index >= first:
             subdomains += subdomains_of(stack, head, manifest, pieces, place)
         index += count
-    if block.stop == block.end and not file.ended:
+    if end == block.held[1] and not file.ended:
         raise InputError(f"{file.path} goes on after its last record; run the scene again")
     return subdomains
 

@@ -202,28 +202,30 @@ class GrowingFile:
     def __init__(self, path: Path):
         self.path, self.words, self.check = path, 0, 0
 
-    def record(self, manifest: Manifest) -> tuple[Head, Records] | None:
-        """The head of the next record and its reader, None as long as it is not whole.
+    def head(self) -> Head | None:
+        """The head of the next record. Raises InputError where it is none."""
+        words = self._next(1 + len(Head._fields))
+        return None if words is None else Records(self.path, words).head()
 
-        Raises InputError where it is no record.
-        """
+    def record(self, layout: Layout) -> Records | None:
+        """The next record, which counts as read then."""
+        words = self._next(words_of(layout))
+        if words is None:
+            return None
+        self.words, self.check = self.words + len(words), zlib.crc32(words, self.check)
+        return Records(self.path, words)
+
+    def _next(self, count: int) -> np.ndarray | None:
+        """(count,) words that come next; None as long as there are fewer."""
         try:
-            file = open(self.path, "rb")
+            with open(self.path, "rb") as file:
+                if os.fstat(file.fileno()).st_size < 8 * (self.words + count):
+                    return None
+                file.seek(8 * self.words)
+                words = np.fromfile(file, np.int64, count)
         except FileNotFoundError:
             return None
-        with file:
-            there = os.fstat(file.fileno()).st_size // 8 - self.words
-            if there < 1 + len(Head._fields):
-                return None
-            file.seek(8 * self.words)
-            head = Records(self.path, np.fromfile(file, np.int64, 1 + len(Head._fields))).head()
-            size = words_of(record_layout(head, manifest))
-            if there < size:
-                return None
-            file.seek(8 * self.words)
-            words = np.fromfile(file, np.int64, size)
-        self.words, self.check = self.words + size, zlib.crc32(words, self.check)
-        return head, Records(self.path, words)
+        return words if len(words) == count else None
 
 
 def words_of(layout: Layout) -> int:

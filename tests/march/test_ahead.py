@@ -13,6 +13,8 @@ from driver.march import ahead as stage
 from driver.march.ahead import Ahead
 from driver.march.problem import assemble
 from driver.scene import loader
+from driver.scene.manifest import announced
+from driver.scene.records import Records, record_layout
 
 # supports, contact and pairs meet cuts; quadratic, several bodies, sliding, loose ones
 SCENES = ["tutorial", "bracket", "joint", "latch", "o-ring", "stack"]
@@ -107,6 +109,48 @@ def test_what_is_not_sound_is_left_to_the_loader(exported, tmp_path, monkeypatch
     (tmp_path / "block-0.bin").write_bytes(bytes(range(256)) * 40)
     ahead = Ahead(tmp_path, MPI.COMM_SELF)
     assert not ahead.advance() and ahead.export is None
+
+
+@pytest.mark.parametrize("problem, ends", [
+    (MemoryError(), True), (OSError(116, "stale file handle"), True), (ZeroDivisionError(), False)])
+def test_what_cannot_be_read_ahead_is_read_afterwards(exported, monkeypatch, problem, ends):
+    """No room, or a file system that does not answer; a defect is told of at once."""
+    def fails(sub):
+        raise problem
+
+    ahead = Ahead(exported("tutorial", subdomains=7, steps=1), MPI.COMM_SELF)
+    assert ahead.advance()
+    monkeypatch.setattr(stage, "interior_of", fails)
+    if ends:
+        assert not ahead.advance() and not ahead.interiors and not ahead.advance()
+    else:
+        with pytest.raises(ZeroDivisionError):
+            ahead.advance()
+
+
+def test_interiors_of_what_freefem_did_not_leave_do_not_count(exported, tmp_path):
+    """Those of a body half as stiff, in the same places."""
+    export = exported("tutorial", subdomains=7, steps=1)
+    wanted = matrices(assemble(export, MPI.COMM_SELF))
+    shutil.copytree(export, tmp_path, dirs_exist_ok=True)
+    words = np.fromfile(tmp_path / "block-0.bin", np.int64)
+    file = Records(tmp_path / "block-0.bin", words)
+    manifest = announced(tmp_path)
+    for _ in range(manifest.subdomains):
+        layout, begin = record_layout(file.head(), manifest), file.position
+        for name, count, _ in layout:
+            if name == "values":
+                words[begin + 1 : begin + 1 + count].view(float)[:] /= 2
+            begin += 1 + count
+        file.position = begin
+    words.tofile(tmp_path / "block-0.bin")
+    ahead = Ahead(tmp_path, MPI.COMM_SELF)
+    while ahead.advance():
+        pass
+    assert len(ahead.interiors) == 7
+    shutil.copytree(export, tmp_path, dirs_exist_ok=True)
+    found = matrices(assemble(tmp_path, MPI.COMM_SELF, ahead=ahead))
+    assert all(map(np.array_equal, found, wanted))
 
 
 def test_nothing_is_done_before_there_is_something(tmp_path, exported):

@@ -7,11 +7,14 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+from mpi4py import MPI
 
 from driver import cli, environment
 from driver.errors import InputError
+from driver.march.ahead import Ahead
 from driver.runs import launch, run, solve
 from driver.scene import freefem
 
@@ -69,14 +72,38 @@ def test_ranks_start_as_soon_as_freefem_has_the_mesh(manifest, tmp_path, monkeyp
 def test_subdomains_are_taken_while_freefem_works(tmp_path, monkeypatch):
     """One after the other, with the bits of a run that waits for FreeFEM's end."""
     words = ["SCENE=tutorial", "STEPS=2", "SUBDOMAINS=20", "H=0.8", *WORDS[2:], "NP=1"]
-    bits, taken, advance = [], [], solve.Solution.advance
+    bits, seen, advance, claim = [], [], Ahead.advance, Ahead.claim
+
+    def claimed(ahead, subdomains):
+        seen.append((len(ahead.interiors), ahead.idle, dict(ahead.seconds)))
+        return claim(ahead, subdomains)
+
+    monkeypatch.setattr(Ahead, "claim", claimed)
+    monkeypatch.setattr(solve, "_estimated", lambda *parts: (None, str(parts[-1][1])))
     for allowed in (True, False):
-        monkeypatch.setattr(solve.Solution, "advance", lambda stage, *at, allowed=allowed:
-                            allowed and (taken.append(stage) or advance(stage, *at)))
+        monkeypatch.setattr(Ahead, "advance", lambda ahead, allowed=allowed:
+                            allowed and advance(ahead))
         out = tmp_path / str(allowed)
-        run.execute(run.Run.from_pairs(cli.parse_pairs([*words, f"OUT={out}"])))
+        summary = run.execute(run.Run.from_pairs(cli.parse_pairs([*words, f"OUT={out}"])))
         bits.append([(out / file).read_bytes() for file in ("contact.csv", "boundary.csv")])
-    assert taken and bits[0] == bits[1]
+        number, idle, spent = seen[-1]
+        assert (number > 0) is allowed and (spent["setup"] > 0) is allowed
+        # what was done ahead counts to its stage, and no memory that it took to an idle process
+        seconds = summary["seconds"]
+        assert all(seconds[stage] > of_stage for stage, of_stage in spent.items())
+        assert seconds["total"] == pytest.approx(sum(seconds.values()) - seconds["total"])
+        assert str(idle) in summary["warnings"]
+    assert bits[0] == bits[1]
+
+
+@pytest.mark.parametrize("spent, booked", [
+    ((0.5, 1.5), (8.0, 0.75, 3.5)), ((0.0, 0.0), (10.0, 0.25, 2.0)), ((5.0, 15.0), (0.0, 2.75, 9.5))])
+def test_what_is_done_ahead_counts_to_its_stage(spent, booked):
+    """As far as FreeFEM has worked so long; the whole stays what it is."""
+    seconds = {"export": 10.0, "read": 0.25, "setup": 2.0}
+    solve._book(SimpleNamespace(seconds=dict(zip(("read", "setup"), spent))), seconds,
+                MPI.COMM_SELF)
+    assert tuple(seconds.values()) == booked and sum(booked) == 12.25
 
 
 def test_ranks_that_wait_begin_with_the_stage(manifest, monkeypatch):

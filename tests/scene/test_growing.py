@@ -88,6 +88,7 @@ def test_what_was_read_is_not_read_again(writing, upto):
     found = read_subdomains(read_manifest(writing.place), 1, 7, MPI.COMM_SELF, growing)
     assert all(one is other for one, other in zip(before, found))
     assert len(found) == 6 and all(map(same, found, wanted))
+    assert growing.pieces.manifest.seal is not None  # of what comes after, too
 
 
 def test_what_freefem_did_not_leave_does_not_count(writing):
@@ -104,6 +105,19 @@ def test_what_freefem_did_not_leave_does_not_count(writing):
     found = read_subdomains(read_manifest(writing.place), 0, 2, MPI.COMM_SELF, growing)
     wanted = read_subdomains(read_manifest(writing.export), 0, 2, MPI.COMM_SELF)
     assert all(map(same, found, wanted)) and not same(before[0], found[0])
+
+
+@pytest.mark.parametrize("start, stop, steps", [(0, 4, 1), (1, 7, 1), (0, 7, 2)])
+def test_what_was_read_for_something_else_does_not_count(writing, start, stop, steps):
+    """Other subdomains, or with the manifest of another export."""
+    writing.end()
+    manifest = announced(writing.place)
+    manifest.raw["steps"] = steps
+    growing = GrowingExport(manifest, start, stop)
+    before = read_all(growing)
+    found = read_subdomains(read_manifest(writing.place), 0, 7, MPI.COMM_SELF, growing)
+    assert [sub.index for sub in found] == list(range(7))
+    assert not any(one is other for one in before for other in found)
 
 
 def test_a_record_that_is_not_sound_is_refused(writing):
