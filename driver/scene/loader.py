@@ -38,12 +38,11 @@ def read_subdomains(manifest: Manifest, start: int, stop: int, comm,
         blocks = {block: RecordFile(block.path, manifest.seal)
                   for block in blocks_of(manifest, start, stop)}
         if growing and growing.is_beginning_of(manifest, blocks):
-            subdomains, index = growing.subdomains[:], growing.index
-            pieces = growing.pieces
+            subdomains, index, pieces = growing.subdomains[:], growing.index, growing.pieces
             pieces.manifest = manifest
         for block, file in blocks.items():
-            index_ = index.get(block, block.held[0])
-            subdomains += _read_block(file, block, index_, manifest, pieces)
+            begin = index.get(block, block.held[0])
+            subdomains += _read_block(file, block, begin, manifest, pieces)
     except InputError as problem:
         error = problem
     agree(comm, error)

@@ -97,7 +97,8 @@ def test_subdomains_are_taken_while_freefem_works(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("spent, booked", [
-    ((0.5, 1.5), (8.0, 0.75, 3.5)), ((0.0, 0.0), (10.0, 0.25, 2.0)), ((5.0, 15.0), (0.0, 2.75, 9.5))])
+    ((0.5, 1.5), (8.0, 0.75, 3.5)), ((0.0, 0.0), (10.0, 0.25, 2.0)),
+    ((5.0, 15.0), (0.0, 2.75, 9.5))])
 def test_what_is_done_ahead_counts_to_its_stage(spent, booked):
     """As far as FreeFEM has worked so long; the whole stays what it is."""
     seconds = {"export": 10.0, "read": 0.25, "setup": 2.0}
