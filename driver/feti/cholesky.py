@@ -36,8 +36,7 @@ class Interior:
     CHOLMOD's own factor is used up where it hands out L.
 
     L has both dofs of a node beside one another, with the same neighbours, if one is free. One that
-    supports hold stands for itself there: off the diagonal its row and column are zeros. Those of
-    the rim count as free.
+    supports hold stands for itself there: off the diagonal its row and column are zeros.
     """
 
     def __init__(self, K, rim: np.ndarray, free: np.ndarray):
@@ -47,13 +46,11 @@ class Interior:
         """
         of_rim = (2 * rim[:, None] + [0, 1]).ravel()
         self.stiffness = K.diagonal()  # (dofs,)
-        self.free = free.copy()  # (dofs,)
-        self.free[of_rim] = True
-        is_inner = self.free.reshape(-1, 2).any(axis=1)
+        is_inner = free.reshape(-1, 2).any(axis=1)
         is_inner[rim] = False
         inner, added = np.flatnonzero(is_inner), np.zeros(len(free))
         added[of_rim] = self.stiffness[of_rim]
-        factor, order = _in_order(K.tobsr((2, 2)), inner, rim, self.free, added)
+        factor, order = _in_order(K.tobsr((2, 2)), inner, rim, free, added)
         self.inner = 2 * len(inner)  # dofs
         self.place = _places(order, len(free))  # (dofs,) places in L, -1 where there is none
         L = cholmod.getfactor(factor) if len(order) else spmatrix([], [], [], (0, 0))

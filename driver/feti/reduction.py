@@ -235,15 +235,15 @@ def interior_of(sub: Subdomain) -> Interior:
 def _interior(structure: Substructure, s: int, K, needed: np.ndarray, ahead: dict) -> Interior:
     """The interior of local subdomain s with the stiffness K, the nodes `needed` (n,) in its rim.
 
-    With the rim of its own record, unless other subdomains or effects need more of it: so the bits
+    By what its own record says of both, unless other subdomains or effects add to it: so the bits
     are the same whether it was eliminated `ahead` or is now.
     """
-    sub, free = structure.subdomains[s], _free(K.shape[0], structure.fixed[s])
-    inner = np.ones(len(free), bool)
+    sub = structure.subdomains[s]
+    own, free = _free(sub.dofs, sub.fixed), _free(sub.dofs, structure.fixed[s])
+    inner = np.ones(sub.dofs, bool)
     inner[2 * sub.rim] = inner[2 * sub.rim + 1] = False
-    same = np.array_equal(free[inner], _free(sub.dofs, sub.fixed)[inner])
-    if same and np.isin(needed, sub.rim, assume_unique=True).all():
-        return ahead.pop(sub.index, None) or Interior(K, sub.rim, free)
+    if np.array_equal(free[inner], own[inner]) and np.isin(needed, sub.rim).all():
+        return ahead.pop(sub.index, None) or Interior(K, sub.rim, own)
     return Interior(K, np.union1d(sub.rim, needed), free)
 
 
