@@ -213,11 +213,14 @@ def _check_rooms(manifest: Manifest) -> None:
             raise InputError(f"{name!r} is no effect: there is no {name}.idp")
         if not isinstance(content, dict):
             raise InputError(f"the entry of {name} is not of the right type")
+        labels = content.get("labels", [])
+        if not (isinstance(labels, list) and all(
+                all(_is(label, int) for label in (of if isinstance(of, list) else [of]))
+                for of in labels)):
+            raise InputError(f"the labels of {name} are not of the right type")
     for names in (manifest.columns, manifest.fields):
         if not (all(isinstance(name, str) for name in names) and len(set(names)) == len(names)):
             raise InputError("columns and fields must be different names")
-    if not isinstance(manifest.contact_pairs, list):
-        raise InputError("the labels of pair are not of the right type")
     for pair in manifest.contact_pairs:
         if not (isinstance(pair, list) and len(pair) == 2 and pair[0] in manifest.contact_labels
                 and pair[1] in manifest.labels):
