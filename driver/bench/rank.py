@@ -1,7 +1,6 @@
 """One rank of a timed run: -m driver.bench.rank EXPORT OUT.json REPEATS [SETTINGS as JSON]"""
 
 import json
-import resource
 import sys
 import time
 import traceback
@@ -22,7 +21,7 @@ from ..march.tearing import build
 from ..scene.loader import read_subdomains
 from ..scene.manifest import read_manifest
 from ..studies.table import method_settings
-from ..timing import Laps
+from ..timing import Laps, memory_used
 from .workbench import march
 
 CALLS = 20  # products timed at a time
@@ -36,7 +35,7 @@ def once(directory: Path, settings: dict | None, comm) -> dict:
     reading on. Without `settings` there are no steps.
     """
     comm.Barrier()
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    before = memory_used()
     clock, processor, lasts = Laps(barrier=comm.Barrier), {}, [time.process_time()]
     seconds = clock.seconds
 
@@ -64,7 +63,7 @@ def once(directory: Path, settings: dict | None, comm) -> dict:
         spent["product"] /= CALLS
     operator.products, counts = 0, {}
     bytes_ = operator.message_bytes()
-    memory = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
+    memory = memory_used() - before
     load = {**operator.load(), "kB": (bytes_["rows"] + bytes_["coarse"]) / 1e3, "MiB": memory}
     if settings is not None:
         counts = march(Problem(manifest, structure, operator), **settings).counts

@@ -29,12 +29,12 @@ class TornFactor:
         """
         self._interior, self._torn, self._together = interior, torn, together
         self.seen = np.isin(torn // 2, nodes)  # (n_r,) marks those of t
-        # places in L of torn dofs (n_r,), q (n_q,), t (n_t,) and corners (n_c,)
+        # places in L of torn dofs (n_r,), q (n_q,) and corners (n_c,)
         self._place = interior.place[torn]
         of_rim = self._place >= interior.inner
         self._unseen = torn[of_rim & ~self.seen]  # o
         self._of_q = interior.place[np.append(self._unseen, torn[self.seen])]
-        self._of_t, self._of_c = self._of_q[len(self._unseen) :], None
+        self._of_c = None
         # L_qq, half a matrix in LAPACK's rectangular full packed format, and L_cq
         self._packed = self._coupling = None
 

@@ -27,7 +27,6 @@ from . import launch
 from .request import Request
 from .workspace import lock_log
 
-EXPORT = "export"  # where FreeFEM writes, in the directory of a run
 NO_ESTIMATES = "not all errors could be estimated"  # a warning, with the reason
 
 
@@ -100,7 +99,7 @@ class Solution(launch.Stage):
     def advance(self, work: Path, comm) -> bool:
         """See launch.Stage."""
         if self._ahead is None:
-            self._ahead = Ahead(work / EXPORT, comm)
+            self._ahead = Ahead(work / "export", comm)
         return self._ahead.advance()
 
     def __call__(self, work: Path, request: Request, comm) -> tuple[int, str]:
@@ -116,10 +115,10 @@ def run(directory: Path, request: Request, comm,
     if it is given. Exit status and reason are the same on every rank; collective. Raises
     DriverError on all ranks where there is nothing to keep.
     """
-    ahead = ahead or Ahead(directory / EXPORT, comm)
+    ahead = ahead or Ahead(directory / "export", comm)
     lap, idle = Laps(request.seconds), comm.allreduce(ahead.idle)
     seconds, settings = lap.seconds, Settings(**request.settings)
-    problem = linearized(assemble(directory / EXPORT, comm, lap, ahead=ahead), settings, comm)
+    problem = linearized(assemble(directory / "export", comm, lap, ahead=ahead), settings, comm)
     _check_quantity(request, problem)
     if request.refine:
         _check_estimates(problem)

@@ -126,8 +126,8 @@ def subdomains_of(stack: dict, head: Head, manifest: Manifest, pieces: "Pieces",
 
 
 def _rim(sub: Subdomain, manifest: Manifest) -> np.ndarray:
-    """(n,) nodes, ascending, on boundaries that are joined, and where labels meet."""
-    edges = sub.edges[np.isin(sub.edge_label, manifest.joined_labels)]
+    """(n,) nodes, ascending, on boundaries where rows act, and where labels meet."""
+    edges = sub.edges[np.isin(sub.edge_label, manifest.row_labels)]
     least, most = np.full((2, len(sub.xy)), [[np.inf], [-np.inf]])
     np.minimum.at(least, sub.edges, sub.edge_label[:, None])
     np.maximum.at(most, sub.edges, sub.edge_label[:, None])

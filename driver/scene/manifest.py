@@ -94,8 +94,8 @@ class Manifest:
         return self.rooms.get("pair", {}).get("labels", [])
 
     @property
-    def joined_labels(self) -> list:
-        """Labels on which bodies or subdomains meet one another or obstacles, as declared."""
+    def row_labels(self) -> list:
+        """Labels where bodies or subdomains meet one another or obstacles: rows act there."""
         pairs = [pair for room in self.rooms.values() for pair in room.get("labels", [])
                  if isinstance(pair, list)]
         return [self.interface_label, *self.contact_labels, *itertools.chain(*pairs)]

@@ -132,7 +132,7 @@ class Records:
 
         That is one at least, and no more than STACK has room for.
         """
-        size, start = words_of(layout), self.position
+        size, start = _words(layout), self.position
         most = min(STACK // size + 1, (len(self.words) - start) // size)
         sizes = np.array([len(head), *head[1:]])
         compared = [0, *range(2, 1 + len(head))]  # all but the number of the subdomain
@@ -148,7 +148,7 @@ class Records:
 
     def stack(self, layout: Layout, records: int = 1) -> dict:
         """The arrays (records, count) of the next records by name; float64 ones must be finite."""
-        size = words_of(layout)
+        size = _words(layout)
         table = self.words[self.position : self.position + records * size]
         # a single record may lack its end
         table = table.reshape(records, size) if records > 1 else table[None]
@@ -209,7 +209,7 @@ class GrowingFile:
 
     def record(self, layout: Layout) -> Records | None:
         """The next record, which counts as read then."""
-        words = self._next(words_of(layout))
+        words = self._next(_words(layout))
         if words is None:
             return None
         self.words, self.check = self.words + len(words), zlib.crc32(words, self.check)
@@ -228,6 +228,5 @@ class GrowingFile:
         return words if len(words) == count else None
 
 
-def words_of(layout: Layout) -> int:
-    """The words of a record."""
+def _words(layout: Layout) -> int:
     return sum(1 + count for _, count, _ in layout)
