@@ -87,7 +87,10 @@ def _load(name: str, names: list[str]) -> str:
 
 def command(scene: Path, element: str, h: float, folder: Path,
             *words: str) -> tuple[list[str], dict]:
-    """Command line that runs the script, written to `folder`, and options of its process."""
+    """Command line that runs the script, written to `folder`, and options of its process.
+
+    A mesh far finer than the scene's is meant, and not counted first.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     declarations.write(folder)
     script = folder / "direct.edp"
@@ -96,4 +99,4 @@ def command(scene: Path, element: str, h: float, folder: Path,
     env |= {"EXPORT_DIRECTORY": str(folder), "SIZE_FIELD": "",
             "FF_INCLUDEPATH": f"{folder.absolute()};{env['FF_INCLUDEPATH']}"}
     return ([environment.program("FreeFem++"), "-nw", "-ns", "-v", "0", str(script), "-export",
-             str(folder), "-h", str(h), *words], {"env": env, "cwd": scene.parent})
+             str(folder), "-h", str(h), "-counted", "1", *words], {"env": env, "cwd": scene.parent})

@@ -156,7 +156,7 @@ def _run(program: Path, scene: Path, directory: Path, parameters: dict[str, str]
     if done.returncode != 0 and size.check(done.stdout, parameters,
                                            lambda trial: start(1, given=trial).stdout):
         parameters = {**parameters, "counted": "1"}
-        done = start(ranks, given=parameters)
+        done = start(ranks, meanwhile, given=parameters)
     if done.returncode != 0 and ranks > 1 and explain.REFUSED not in done.stdout:
         done = start(1, given=parameters)  # rank 0 alone speaks, and another one may have refused
     (directory / "freefem.log").write_text(done.stdout)

@@ -11,6 +11,7 @@ import pytest
 
 from driver.errors import InputError
 from driver.scene import declarations, explain, freefem, grammar, script, size
+from driver.scene.manifest import announced
 from driver.scene.rooms import all_macros
 
 SCENE = """include "scene.idp"
@@ -458,13 +459,38 @@ def test_a_mesh_that_no_memory_holds_is_refused_at_once(said):
     assert 0.1 < float(number[1]) / (np.pi / (0.433 * 1e-12)) < 10
 
 
-def test_a_small_size_that_memory_holds_is_only_counted(tmp_path):
+def _of_size(tmp_path, h: str, **options):
+    """Export of the sized disc with elements of size `h`."""
     path, text = tmp_path / "mine.edp", SCENE
     for old, new in SIZED:
         text = text.replace(old, new, 1)
     path.write_text(text)
-    manifest = freefem.export(path, tmp_path / "export", {"h": "0.008", "steps": "2"})
+    parameters = {"h": h, "steps": "2", "subdomains": "auto"}
+    return freefem.export(path, tmp_path / "export", parameters, **options)
+
+
+def test_a_small_size_that_memory_holds_is_only_counted(tmp_path):
+    """And what can be done while FreeFEM works is done in the second try as well."""
+    seen = []
+
+    def meanwhile() -> bool:
+        seen.append(announced(tmp_path / "export") is not None)
+        return True
+
+    manifest = _of_size(tmp_path, "0.008", meanwhile=meanwhile)
     assert manifest.parameters["h"] == 0.008 and "counted" not in manifest.parameters
+    assert any(seen)
+    # about as many pieces as cost least; what a piece may have more of them is half a piece
+    assert 2 * manifest.nodes / manifest.subdomains == pytest.approx(1e4, rel=0.05)
+
+
+@pytest.mark.slow  # a mesh of 390,000 dofs
+def test_pieces_of_large_bodies_are_larger(tmp_path):
+    """By the third root of the size: 1.25 times at 390,000 dofs."""
+    manifest = _of_size(tmp_path, "0.004")
+    dofs = 2 * manifest.nodes
+    assert dofs / manifest.subdomains == pytest.approx(1e4 * (dofs / 2e5) ** (1 / 3), rel=0.02)
+    assert dofs > 3e5
 
 
 @pytest.mark.parametrize("given, words", [
