@@ -26,9 +26,15 @@ RANK = 80_000  # dofs for which a rank of its own pays
 POLL = 2e-3  # seconds between two looks of a rank whether there is a request
 
 
-def ranks_for(nodes: int, subdomains: int) -> int:
-    """The ranks that solve an export soonest on this machine, where nobody asked for a number."""
-    return max(1, min(CORES, subdomains, 2 * nodes // RANK))
+def ranks_for(export: Manifest) -> int:
+    """The ranks that solve an `export` on this machine, where nobody asked for a number.
+
+    One step alone is mostly set-up, of which a rank does its part while FreeFEM writes: it leaves a
+    core for that. On two cores a second rank would take a tenth of the time for a third more
+    memory.
+    """
+    cores = CORES if export.quasistatic else max(1, CORES - 1)
+    return max(1, min(cores, export.subdomains, 2 * export.nodes // RANK))
 
 
 class Stage:
@@ -73,7 +79,7 @@ class Ranks(contextlib.ExitStack):
         if self._child and self._child.poll() is not None:
             self._answer()  # there is none
         if self.number is None and (known := announced(self.work / "export")):
-            self.number = ranks_for(known.nodes, known.subdomains)
+            self.number = ranks_for(known)
         if (self.number or 1) > 1:
             self._start()
         elif self._loaded is None:
@@ -89,7 +95,7 @@ class Ranks(contextlib.ExitStack):
         Raises InputError if a rank dies, Defect if it does of an unexpected exception.
         """
         if self.number is None:
-            self.number = ranks_for(manifest.nodes, manifest.subdomains)
+            self.number = ranks_for(manifest)
         if self.number == 1:
             return solve_here(self.work, request, self._loaded or load(self.stage))
         request.write(self.work)

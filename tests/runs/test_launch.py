@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import threading
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -28,14 +29,21 @@ def manifest(tmp_path_factory):
                           {"steps": "1"}, 1)
 
 
-@pytest.mark.parametrize("dofs, subdomains, cores, ranks", [
-    (2, 1, 8, 1), (launch.RANK - 2, 16, 8, 1), (2 * launch.RANK - 2, 16, 8, 1),
-    (2 * launch.RANK, 16, 8, 2), (5 * launch.RANK, 16, 8, 5), (100 * launch.RANK, 16, 8, 8),
-    (100 * launch.RANK, 3, 8, 3), (100 * launch.RANK, 16, 1, 1)])
-def test_ranks_follow_from_dofs_subdomains_and_cores(monkeypatch, dofs, subdomains, cores, ranks):
-    """One for each RANK dofs, none without a subdomain, no more than there are cores."""
+@pytest.mark.parametrize("dofs, subdomains, cores, history, of_one_step", [
+    (2, 1, 8, 1, 1), (launch.RANK - 2, 16, 8, 1, 1), (2 * launch.RANK - 2, 16, 8, 1, 1),
+    (2 * launch.RANK, 16, 8, 2, 2), (5 * launch.RANK, 16, 8, 5, 5), (100 * launch.RANK, 16, 8, 8, 7),
+    (100 * launch.RANK, 3, 8, 3, 3), (100 * launch.RANK, 16, 2, 2, 1),
+    (100 * launch.RANK, 16, 1, 1, 1)])
+def test_ranks_follow_from_dofs_subdomains_and_cores(
+        monkeypatch, manifest, dofs, subdomains, cores, history, of_one_step):
+    """One for each RANK dofs, none without a subdomain, no more than there are cores.
+
+    One step alone leaves a core to FreeFEM.
+    """
     monkeypatch.setattr(launch, "CORES", cores)
-    assert launch.ranks_for(dofs // 2, subdomains) == ranks
+    given = replace(manifest, nodes=dofs // 2, subdomains=subdomains)
+    static = replace(given, rooms={})
+    assert (launch.ranks_for(given), launch.ranks_for(static)) == (history, of_one_step)
 
 
 def test_a_run_has_the_ranks_that_its_size_pays_for_unless_they_are_given(tmp_path, monkeypatch):
