@@ -2,10 +2,10 @@
 
 import dataclasses
 import json
-import os
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
 from collections import deque
 from pathlib import Path
@@ -17,6 +17,7 @@ from ..scene import freefem
 from ..files import write_rows
 from ..options import Settings
 from ..studies.table import LOADINGS
+from . import peak
 
 REPEATS = 3
 BARE = ("ERRORS=no", "FIELDS=no", "FIGURES=no", "QUIET=yes")  # a run without extras
@@ -170,17 +171,15 @@ def child(command: list[str], env: dict | None = None,
     # packages are
     for name in ("MAKEFLAGS", "MAKEOVERRIDES", "MFLAGS", "MAKELEVEL", "PYTHONDONTWRITEBYTECODE"):
         env.pop(name, None)
-    clock = time.perf_counter()
-    with subprocess.Popen(command, env=env, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-                          stderr=subprocess.STDOUT,
-                          text=True, errors="replace", cwd=cwd) as process:
-        words = process.stdout.read()
-        _, status, usage = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
-    wall = time.perf_counter() - clock
-    if process.returncode:
-        raise RuntimeError(f"{' '.join(command[:4])} failed: {' '.join(words.split())[-300:]}")
-    return wall, usage.ru_maxrss / 1024
+    with tempfile.NamedTemporaryFile("r") as measured:
+        done = subprocess.run([sys.executable, peak.__file__, measured.name, *command], env=env,
+                              cwd=cwd, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+                              stderr=subprocess.STDOUT, text=True, errors="replace", check=False)
+        if done.returncode:
+            said = " ".join(done.stdout.split())[-300:]
+            raise RuntimeError(f"{' '.join(command[:4])} failed: {said}")
+        wall, memory = map(float, measured.read().split())
+    return wall, memory / 1024
 
 
 def on_ranks(bench: Workbench, export: Path, ranks: int, repeats: int,

@@ -1,12 +1,14 @@
 """The benchmark's own arithmetic: targets, the assembled problem, roofline counts, peers on the
 same QP."""
 
+import sys
+
 import numpy as np
 import pytest
 from conftest import load_response
 
 from driver.bench import direct, factorization, geometry, peers, ranks, roofline, suite, tao
-from driver.bench.workbench import Report, Workbench, in_turn, march, ratios
+from driver.bench.workbench import Report, Workbench, child, in_turn, march, ratios
 from driver.errors import InputError
 from driver.feti.rows import RowKind
 from driver.files import read_rows
@@ -126,3 +128,16 @@ def test_message_volume_and_counts_do_not_depend_on_who_measures(bench):
 def test_refusals(options, tmp_path):
     with pytest.raises(InputError):
         suite.run_bench({**options, "out": str(tmp_path / "bench")})
+
+
+def test_memory_of_a_child_is_its_own_alone():
+    """Whatever the process that asks has in memory: 300 MiB here."""
+    held = np.ones(40_000_000)
+    (_, little), (_, more) = (child([sys.executable, "-c", code])
+                              for code in ("pass", "x = b'1' * (100 << 20)"))
+    assert little < 50 and 90 < more - little < 110 and held[0] == 1
+
+
+def test_a_child_that_fails_says_why():
+    with pytest.raises(RuntimeError, match="failed: .*nothing doing"):
+        child([sys.executable, "-c", "raise SystemExit('nothing doing')"])
