@@ -32,8 +32,8 @@ def manifest(tmp_path_factory):
 @pytest.mark.parametrize("dofs, subdomains, cores, history, of_one_step", [
     (2, 1, 8, 1, 1), (launch.RANK - 2, 16, 8, 1, 1), (2 * launch.RANK - 2, 16, 8, 1, 1),
     (2 * launch.RANK, 16, 8, 2, 2), (5 * launch.RANK, 16, 8, 5, 5),
-    (100 * launch.RANK, 16, 8, 8, 7), (100 * launch.RANK, 3, 8, 3, 3), (100 * launch.RANK, 16, 2, 2, 1),
-    (100 * launch.RANK, 16, 1, 1, 1)])
+    (100 * launch.RANK, 16, 8, 8, 7), (100 * launch.RANK, 3, 8, 3, 3),
+    (100 * launch.RANK, 16, 2, 2, 1), (100 * launch.RANK, 16, 1, 1, 1)])
 def test_ranks_follow_from_dofs_subdomains_and_cores(
         monkeypatch, manifest, dofs, subdomains, cores, history, of_one_step):
     """One for each RANK dofs, none without a subdomain, no more than there are cores.
