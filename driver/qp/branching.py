@@ -26,7 +26,10 @@ PROGRAMS = 500  # linear programs in a search, at most: some seconds
 ANY, APART, PRESSES, PULLS = range(4)  # of contact
 STICKS, FORTH, BACK = range(1, 4)  # of friction; ANY
 NOTHING = 1e-7  # of forces and movements of order one: what linear programs leave of zero
-INFEASIBLE = 2  # status of scipy's linear programs
+INFEASIBLE, UNENDED = 2, 1  # status of scipy's linear programs
+# seconds in which HiGHS does not end a program of so few nodes where coefficients differ by many
+# orders of magnitude: it goes round in circles. Others take hundredths of one
+CIRCLES = 5.0
 
 
 @dataclass
@@ -41,7 +44,8 @@ def search_states(problem: CoulombProblem) -> Search:
     """Look for a solution in all states.
 
     In the order of depth first, deterministic. Not certain where there are more than MOST_NODES, or
-    more than PROGRAMS linear programs would be needed, or rounding hides a solution.
+    more than PROGRAMS linear programs would be needed, or one has no end, or rounding hides a
+    solution.
     """
     if problem.n > MOST_NODES:
         return Search(None, False)
@@ -53,6 +57,7 @@ class _Search(Scaled):
 
     def __init__(self, problem: CoulombProblem):
         super().__init__(problem)
+        self.endless = False  # a program has not come to an end
         self.signed = np.zeros(problem.n, bool)  # whether the sign of the force decides on friction
         self.signed[problem.pair] = problem.coefficient > 0
 
@@ -66,6 +71,8 @@ class _Search(Scaled):
                 return Search(None, not hidden)
             contact, rub = left.pop()
             feasible, x = self._program(contact, rub)
+            if self.endless:
+                break
             if not feasible:
                 continue
             if x is None:
@@ -128,9 +135,12 @@ class _Search(Scaled):
                 answer = milp(aim, bounds=Bounds(low / self.own, high / self.own),
                               constraints=LinearConstraint(self.even, over * row_low,
                                                            over * row_high),
-                              options=PLAIN_PROGRAM)
+                              options={**PLAIN_PROGRAM, "time_limit": CIRCLES})
             if answer.status == INFEASIBLE:
                 return False, None
+            if answer.status == UNENDED:
+                self.endless = True
+                break
             if answer.x is not None:
                 return True, self.own * answer.x
         return True, None

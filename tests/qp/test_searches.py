@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import scipy.optimize
 
 from driver.march import globalization
 from driver.qp import branching, coefficients, complementarity, scaled
@@ -126,6 +127,19 @@ def test_branch_and_bound_knows_its_limits(monkeypatch):
     monkeypatch.setattr(branching, "PROGRAMS", 1)
     found = branching.search_states(problem)
     assert found.solution is None and not found.certain
+
+
+def test_a_program_without_end_ends_the_search(monkeypatch):
+    """It is stopped, the next ones would be like it, and nothing is proved."""
+    given, milp = [], scipy.optimize.milp
+
+    def endless(*args, options, **words):
+        given.append(options["time_limit"])
+        return milp(*args, options={**options, "time_limit": 0.0}, **words)
+
+    monkeypatch.setattr(scipy.optimize, "milp", endless)
+    found = branching.search_states(random_problem(1, 3, 3))
+    assert found.solution is None and not found.certain and given == [branching.CIRCLES]
 
 
 # ------------------------------------------------------------------------------ programs
