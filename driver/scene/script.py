@@ -10,7 +10,7 @@ from pathlib import Path
 
 from .. import environment, units
 from ..errors import InputError
-from . import grammar, rooms
+from . import choices, grammar, rooms
 from .grammar import declared_names
 from .manifest import Manifest
 
@@ -134,6 +134,12 @@ def check_statements(scene: Path) -> None:
         for number, line in enumerate(source.lines, 1):
             if reason := _statement_fault(grammar.without_texts(line)):
                 raise InputError(f"{source.path.name} line {number}: {reason}")
+    for macro, choice in choices.losing(grammar.sources(scene)):
+        raise InputError(
+            f"{macro.path.name} line {macro.line}: of ({choice}) in {macro.name} FreeFEM loses the "
+            "second value, as it depends on the place, and neither the condition nor the first value "
+            "does: turn it round, with the opposite condition, as in (A >= 1. ? x : 0.) for "
+            "(A < 1. ? 0. : x)")
     for macro in (macro for source in grammar.sources(scene)
                   for macro in grammar.definitions(source)):
         unknown = re.search(r"\bu[12]\b", grammar.without_texts(macro.content))
@@ -154,7 +160,7 @@ def _statement_fault(code: str) -> str:
                 "on(4, u1 = 0., u2 = 0.)")
     if python := re.search(r"[\w)\].]\s+(and|or)\s+[\w(!]", code):
         return f"'{python[1]}' is no operator of FreeFEM: it writes {OPERATORS[python[1]]}"
-    if _chooses_twice(code):
+    if choices.chooses_twice(code):
         return ("FreeFEM takes one ? : in an expression: put the other one in parentheses, as in "
                 "(t < 1. ? t : (t < 2. ? 1. : 2.))")
     if "**" in code:
@@ -166,21 +172,6 @@ def _statement_fault(code: str) -> str:
             return (f"{whole[1]}/{whole[2]} divides whole numbers, which in FreeFEM is "
                     f"{over // under}: write {whole[1]}./{whole[2]}")
     return ""
-
-
-def _chooses_twice(code: str) -> bool:
-    """Whether an expression of a line has two ? : that no brackets keep apart.
-
-    Some of these may be closed in another line.
-    """
-    while True:
-        innermost = re.search(r"[([{][^][(){}]*[])}]", code)
-        part = innermost[0] if innermost else code
-        if any(each.count("?") > 1 for each in re.split(r"[][(){},;]", part)):
-            return True
-        if not innermost:
-            return False
-        code = code[:innermost.start()] + code[innermost.end():]
 
 
 def check_units(scene: Path, manifest: Manifest) -> None:
