@@ -75,9 +75,14 @@ class Past:
     way: np.ndarray | None = None  # (j,) that nodes have slid in it so far
 
 
-def significant(growth: dict, nothing: float, largest) -> list[str]:
-    """Names of what has grown by more than `nothing`; displacements count by u_t alone."""
-    return [name for name in growth if name not in FOLLOWING and largest(growth[name]) > nothing]
+def significant(growth: dict, nothing: float, largest, way: float) -> list[str]:
+    """Names of what has grown in a cycle whose largest slip is `way`, by more than `nothing`.
+
+    Displacements count by u_t alone; wear, however little, where there is slip that counts, whose
+    digits are its own.
+    """
+    return [name for name in growth if name not in FOLLOWING
+            and largest(growth[name]) > (nothing if name != WORN or way <= nothing else 0.0)]
 
 
 def judged(past: Past, step, growth: dict, forces: dict, largest, nothing: float,
@@ -94,7 +99,7 @@ def judged(past: Past, step, growth: dict, forces: dict, largest, nothing: float
     skipped, error, even = (past.plan[-1] if past.plan else 0), 0.0, bool(past.rows)
     if past.growth:
         bends = {name: largest(growth[name] - past.growth[name])
-                 for name in significant(growth, nothing, largest)}
+                 for name in significant(growth, nothing, largest, way)}
         error = skipped * max(bends.values(), default=0.0)
         even = all(bend <= max(nothing, EVEN * max(way, largest(growth[name])))
                    for name, bend in bends.items())

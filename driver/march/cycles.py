@@ -125,7 +125,8 @@ class Cycles:
             self.count = past.number
             self._cut(solver, step.index)
         if step.skips:
-            step.grown = tuple(significant(growth, self.nothing(solver), _largest(solver)))
+            step.grown = tuple(significant(growth, self.nothing(solver), _largest(solver),
+                                           row.slip))
             self._jump(solver, step, growth)
             self._cut(solver, step.index)
         self._extend(solver)
@@ -208,7 +209,7 @@ class Cycles:
         if self.choice.jumps is None or left <= SHORTEST:
             return 0
         nothing, largest = self.nothing(solver), _largest(solver)
-        names = significant(growth, nothing, largest)
+        names = significant(growth, nothing, largest, row.slip)
         if not names:
             return left - 1 if row.settled else 0
         if not past.growth or past.plan[-1]:  # the growth before is that before a jump

@@ -12,8 +12,8 @@ NUMBER = re.compile(r"(?<!func )\b(?:real|int|bool|string)\s+(\w[^;]*)")  # decl
 PLACE = {"x", "y", "z", "N", "P", "label", "region", "nuTriangle", "nuEdge", "hTriangle", "lenEdge",
          "area"}
 MATHEMATICS = {"pi", "true", "false", "abs", "sqrt", "exp", "log", "log10", "pow", "min", "max",
-               "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "floor",
-               "ceil", "rint", "real", "int", "sign"}
+               "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh",
+               "floor", "ceil", "rint", "real", "int", "sign"}
 EXPRESSION = re.compile(r"\bfunc\s+(\w+)\s*=([^;]*)")  # named, as by a macro
 APART = re.compile(r"support|displacement\d")  # their values are not integrated
 

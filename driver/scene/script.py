@@ -137,8 +137,8 @@ def check_statements(scene: Path) -> None:
     for macro, choice in choices.losing(grammar.sources(scene)):
         raise InputError(
             f"{macro.path.name} line {macro.line}: of ({choice}) in {macro.name} FreeFEM loses the "
-            "second value, as it depends on the place, and neither the condition nor the first value "
-            "does: turn it round, with the opposite condition, as in (A >= 1. ? x : 0.) for "
+            "second value, as it depends on the place, and neither the condition nor the first "
+            "value does: turn it round, with the opposite condition, as in (A >= 1. ? x : 0.) for "
             "(A < 1. ? 0. : x)")
     for macro in (macro for source in grammar.sources(scene)
                   for macro in grammar.definitions(source)):

@@ -192,16 +192,21 @@ def test_a_little_shear_shakes_down_at_once(solved, named_scene):
 
 # ---------------------------------------------------------------------------- wear and jumps
 
-def test_steady_wear_is_jumped_over_exactly(solved, named_scene):
-    """Under a given pressure every cycle wears off k p 4 (U0 - F p H/G): no jump errs."""
-    run = solved(named_scene("strip", STRIP), cells=2, steps=10, wears=1e-4, cycles="1000 jump",
+@pytest.mark.parametrize("wears", [1e-4, 1e-12])
+def test_steady_wear_is_jumped_over_exactly(solved, named_scene, wears):
+    """Under a given pressure every cycle wears off k p 4 (U0 - F p H/G): no jump errs.
+
+    However little that is: the slip has to count, not the wear.
+    """
+    run = solved(named_scene("strip", STRIP), cells=2, steps=10, wears=wears, cycles="1000 jump",
                  **TIGHT)
-    found, each = cycles_of(run), 1e-4 * P * 4 * (U0 - F * P * HEIGHT / G)
-    first, _, _ = jenkins(1, 8, 1e-4)[0]
+    found, each = cycles_of(run), wears * P * 4 * (U0 - F * P * HEIGHT / G)
+    first, _, _ = jenkins(1, 8, wears)[0]
     assert len(found["cycle"]) < 10 and found["cycle"][-1] == 1000 and run.summary["t_end"] == 4001
     assert list(found["kind"][1:]) == ["wear"] * (len(found["kind"]) - 1)
     assert run.contact["wear"][-1].max() == pytest.approx(first + 999 * each, rel=1e-6)
-    assert run.summary["cycles"]["error"] < 1e-6 * 1000 * each
+    # of the slip, where that is more, it says what tolerances leave open
+    assert run.summary["cycles"]["error"] < max(1e-6 * 1000 * each, 1e-8 * 1000 * U0)
     work = F * P * WIDTH * (3 * (U0 - F * P / G) + max(0, U0 - 2 * F * P / G)
                             + 999 * 4 * (U0 - F * P / G))
     assert run.summary["quantities"]["dissipated_energy"] == pytest.approx(work, rel=1e-6)
