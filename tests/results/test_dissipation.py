@@ -103,3 +103,20 @@ def test_the_work_of_a_cycle_counts_for_those_jumped_over_after_it():
     assert record.cycle_work == [11 * 5, 11 * 9] and record.jumped == 9.0
     assert record.repeats == [1, 1, 1, 4, 4]
     np.testing.assert_array_equal(np.sum(record.work, axis=0), [6 + 4 * 9, 60 + 40 * 9])
+
+
+@pytest.mark.parametrize("stride", [0.3, 1.0, 1.7, 4.1, 13.0])
+def test_contact_that_travels_takes_its_force_times_the_way(stride):
+    """A roller presses with 5 on about seven nodes of a line and is drawn along it by any step.
+
+    It passes nodes in less than a step where this is longer than its contact; some are never seen.
+    """
+    x, radius = np.linspace(0.0, 300.0, 301), 3.5
+    of, total, way = Dissipation(np.ones(301), np.zeros(301), np.zeros(301)), 0.0, 40.0
+    for time in np.arange(40.0, 260.0, stride):
+        pressure = np.maximum(1 - ((x - time) / radius) ** 2, 0.0)
+        pressure *= 5.0 / pressure.sum()
+        state = {C.U_N: -np.maximum(((x - time) / radius) ** 2 - 1, 0.0), C.BOUND: F * pressure,
+                 C.SLIP: np.full(301, time - way), C.SIGMA_T: -F * pressure}
+        total, way = total + of.add(time, state).sum(), time
+    assert total == pytest.approx(F * 5.0 * (way - 40.0), rel=0.05)
