@@ -98,6 +98,8 @@ class Effect:
     repeats: tuple[int, int] | None = None
     # quantities of interest that it gives sense to, see results/quantities.py
     quantities: tuple[str, ...] = ()
+    # those that it leaves without a limit under refinement, where they belong to its places
+    unlimited: tuple[str, ...] = ()
     # entries of `effects` in summary.json that differ from those of a scene without it
     summary: dict[str, str | bool] = {}
     # how well the error in the energy norm is known with it, and why no better
@@ -324,6 +326,11 @@ class Effects:
     def largest_factor(self, nodes) -> np.ndarray:
         """(j,) the largest factor that the step at hand may end with; see Effect."""
         return np.prod([room.largest_factor(nodes) for room in self._changing], axis=0)
+
+    @property
+    def unlimited(self) -> tuple[str, ...]:
+        """Quantities that may have no limit under refinement."""
+        return tuple(name for room in self for name in room.unlimited)
 
     @property
     def _changing(self) -> list[Effect]:

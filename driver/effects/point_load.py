@@ -8,6 +8,7 @@ from . import NONE, LoadEffect
 class Room(LoadEffect):
     """Patterns given at nodes."""
 
+    unlimited = ("displacement",)  # like the logarithm of the element size
     estimates, why = NONE, "under point loads the exact solution has no finite energy"
 
     def no_estimate(self, weights: np.ndarray) -> str:

@@ -123,8 +123,9 @@ class Record:
     def singular_places(self) -> tuple[str, ...]:
         """Names of the quantities whose values belong to places where they may be infinite."""
         if not self.effects.contact:
-            return ()
-        return singular_places(*self._columns(), self.quantities()[1])
+            return self.effects.unlimited
+        of_contact = singular_places(*self._columns(), self.quantities()[1])
+        return (*of_contact, *self.effects.unlimited)
 
     def _columns(self) -> tuple[dict, dict]:
         """Columns of the nodes and of the steps, as quantities.py takes them."""

@@ -82,6 +82,19 @@ def test_point_loads_have_no_estimate(variant, estimated):
     assert "point loads" in estimated(pushed, cells=2, steps=1)[2].reason
 
 
+def test_displacements_under_point_loads_have_no_claim(variant, solved):
+    """They grow like the logarithm of the elements; other quantities keep theirs."""
+    of = {}
+    for name, push in (("point", "macro pointLoad1() [2., 1., 0., -1e5]"), ("plain", "")):
+        path = variant(f"pushed-{name}", (
+            'include "export.idp"', f'{push} //\ninclude "export.idp"'))
+        of[name] = solved(path, cells=4, steps=2, errors="yes").summary["errors"]["quantities"]
+    assert of["point"]["displacement"]["total"] is None
+    assert "does not converge" in of["point"]["displacement"]["note"]
+    assert of["plain"]["displacement"]["total"] > 0
+    assert of["point"]["normal_resultant"]["total"] > 0
+
+
 def test_the_summary_and_the_field_agree(solved):
     run = solved("model", loading="nonmonotone", cells=3, steps=4, fields="yes", errors="energy")
     found = run.summary["errors"]["energy"]
