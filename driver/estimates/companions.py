@@ -18,6 +18,7 @@ from .polygons import stand_for_curves
 # a loose fixed point may stop where a much tighter one does: the companion's is this at most
 SETTLED = 1e-7
 FEW = 4  # steps below which coarser times tell nothing
+MANY = 20  # steps of which the first one matters little, where coarser times share it
 FINER = 4  # times as many steps then, also where steps miss what a history does
 ROUNDING = 1e-9  # relative change of a largest displacement that a support prescribes
 UNSEEN = 1e-2  # by how much others may exceed it, relative: bulges beside a support
@@ -175,12 +176,15 @@ class Companions:
         """Every second and fourth time; without friction only the instant counts.
 
         Where there are few steps, or so few would miss what the history does, twice and four times
-        as many.
+        as many. So it is where these times would leave the first step of few as it is: what friction
+        does in it would be right in all of them.
         """
         steps = self.manifest.steps
-        if self.effects.frictional and (steps < FEW or departures(self.manifest, FEW)):
+        coarser_by = [stride for stride in (2, 4) if steps >= max(stride, MANY) or not steps % stride]
+        if self.effects.frictional and (steps < FEW or not coarser_by
+                                        or departures(self.manifest, FEW)):
             return self._more_time()
-        strides = [1, 2, 4] if self.effects.frictional else [1, 2]
+        strides = [1, *coarser_by] if self.effects.frictional else [1, 2]
         strides = [stride for stride in strides if stride <= steps]
         values = [self._values(self.base, stride) for stride in strides]
         counts = [len(samples(self.manifest, stride)) - 1 for stride in strides]

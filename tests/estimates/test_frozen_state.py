@@ -8,7 +8,7 @@ import pytest
 from mpi4py import MPI
 
 from driver.contact.states import OPEN, SLIP, STICK
-from driver.estimates import adjoint, refinement
+from driver.estimates import adjoint, companions, refinement
 from driver.estimates.adjoint import Adjoint
 from driver.estimates.companions import Companions, _whole
 from driver.estimates.levels import Levels, samples
@@ -143,6 +143,21 @@ def test_strides_leave_a_step(steps, strides):
     of = object.__new__(Companions)
     of.manifest = SimpleNamespace(steps=steps)
     assert [of.stride(wanted) for wanted in (1, 2, 4)] == strides
+
+
+@pytest.mark.parametrize("steps, frictional, expected", [
+    (3, True, None), (4, True, [1, 2, 4]), (5, True, None), (6, True, [1, 2]), (8, True, [1, 2, 4]),
+    (18, True, [1, 2]), (19, True, None), (21, True, [1, 2, 4]), (5, False, [1, 2])])
+def test_coarser_times_do_not_share_the_first_of_few_steps(monkeypatch, steps, frictional, expected):
+    """Of five steps every other one, from the last back, would leave the first; then more are made.
+    """
+    monkeypatch.setattr(companions, "departures", lambda *_: [])
+    of, strides = object.__new__(Companions), []
+    of.effects, of.base = SimpleNamespace(frictional=frictional), {}
+    of.manifest = SimpleNamespace(steps=steps, cycle_start=0)
+    of._values = lambda mesh, stride: strides.append(stride)
+    of._parts, of._more_time = (lambda *_: strides), (lambda: None)
+    assert of._time() == expected
 
 
 @pytest.mark.parametrize("frictional, history, stride", [

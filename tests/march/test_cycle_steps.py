@@ -144,7 +144,7 @@ def test_how_many_cycles_are_jumped_over(bends, settled, left, skips):
     solver, of = solver_of(60, "jump 5%")
     assert SHORTEST == 2
     of.past.number = 60 - left
-    row = SimpleNamespace(settled=settled)
+    row = SimpleNamespace(settled=settled, slip=1.0)
     of.past.plan = [0]
     of.past.growth = {WORN: np.full(3, 1.0 - (bends or 0.0))}
     growth = {WORN: np.full(3, 0.0 if bends is None else 1.0)}
