@@ -176,11 +176,11 @@ class Companions:
         """Every second and fourth time; without friction only the instant counts.
 
         Where there are few steps, or so few would miss what the history does, twice and four times
-        as many. So it is where these times would leave the first step of few as it is: what friction
-        does in it would be right in all of them.
+        as many. So it is where these times would leave the first step of few as it is: what
+        friction does in it would be right in all of them.
         """
         steps = self.manifest.steps
-        coarser_by = [stride for stride in (2, 4) if steps >= max(stride, MANY) or not steps % stride]
+        coarser_by = [by for by in (2, 4) if steps >= MANY or not steps % by]
         if self.effects.frictional and (steps < FEW or not coarser_by
                                         or departures(self.manifest, FEW)):
             return self._more_time()
