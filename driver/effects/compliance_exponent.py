@@ -9,6 +9,7 @@ way to the solution and not the solution.
 
 import numpy as np
 
+from ..errors import InputError
 from . import ESTIMATE, Effect, RunFacts
 
 FLOOR = 1e-3  # part of the largest closure below which tangents are steeper than the law
@@ -21,8 +22,14 @@ class Room(Effect):
     estimates, why = ESTIMATE, "the bound knows no energy of the asperities"
 
     def prepare(self, contact) -> None:
-        """Law of the nodes: p = c z^m; c = 0 is a smooth surface."""
+        """Law of the nodes: p = c z^m; c = 0 is a smooth surface.
+
+        Raises InputError where contact can pull.
+        """
         self.c, self.m = contact.columns["normal_compliance"], contact.columns[self.name]
+        if np.any((contact.columns.get("bilateral", 0) > 0) & (self.c > 0) & (self.m != 1)):
+            raise InputError("bilateral contact where normalComplianceExponent is not 1: a power of "
+                             "the closure says nothing of tension; leave one of them out there")
         self.weight = contact.weight
 
     def closure(self, nodes, force, slip) -> np.ndarray:

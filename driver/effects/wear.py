@@ -28,12 +28,12 @@ class Room(Effect):
         return self.depth[nodes]
 
     def closure(self, nodes, force, slip) -> np.ndarray:
-        """(k,) wear of the step."""
-        return self.softness[nodes] * slip * force
+        """(k,) wear of the step; contact that pulls wears nothing."""
+        return self.softness[nodes] * slip * np.maximum(force, 0.0)
 
     def tangent(self, nodes, force, own, slip, reach) -> tuple[np.ndarray, np.ndarray]:
         """Proportional to the force, with the slip of the iterate."""
-        return self.softness[nodes] * slip, np.zeros(len(nodes))
+        return self.softness[nodes] * slip * (force > 0), np.zeros(len(nodes))
 
     def carried(self) -> dict[str, np.ndarray]:
         """The worn depth."""

@@ -12,6 +12,8 @@ from .manifest import Manifest
 from .records import Head
 
 ENTRIES = 1 << 20  # of stiffnesses that are looked at together
+ROUNDING = 1e-13  # relative, of sums of the stiffness
+FEW_DIGITS = 64 * np.finfo(float).eps  # the same, for every size of an element from the origin
 
 
 class Place:
@@ -193,9 +195,13 @@ def _stiff_motions(pieces: list[dict], xy: np.ndarray,
                    axisymmetric: bool) -> tuple[np.ndarray, np.ndarray]:
     """Of every piece whether its diagonal is not positive, and whether it resists a rigid motion.
 
-    The pieces are looked at as one matrix.
+    The pieces are looked at as one matrix. Far from the origin their coordinates have few digits
+    for a triangle, and so has the stiffness.
     """
-    dofs = xy[0].size
+    dofs, span = xy[0].size, np.ptp(xy, axis=1)
+    element = np.sqrt(span.prod(axis=1) / len(xy[0]))
+    far = np.abs(xy).max(axis=(1, 2)) / np.where(element > 0, element, np.inf)
+    rounding = np.repeat(np.maximum(ROUNDING, FEW_DIGITS * far), dofs)
     rows = _joined([piece["rows"] for piece in pieces])
     columns = _joined([piece["columns"] for piece in pieces])
     values = _joined([piece["values"] for piece in pieces])
@@ -212,7 +218,7 @@ def _stiff_motions(pieces: list[dict], xy: np.ndarray,
     entry = 2 * rows + along_y
     force, bound = (np.bincount(entry, what, minlength=2 * len(diagonal)).reshape(-1, 2)
                     for what in (values, size))
-    of_piece, excess = (len(pieces), dofs), np.abs(force) > 1e-13 * root[:, None] * bound
+    of_piece, excess = (len(pieces), dofs), np.abs(force) > (rounding * root)[:, None] * bound
     if axisymmetric:
         return ((diagonal <= 0).reshape(of_piece).any(axis=1),
                 excess[:, 1].reshape(of_piece).any(axis=1))
@@ -222,7 +228,7 @@ def _stiff_motions(pieces: list[dict], xy: np.ndarray,
     turned = turn[columns] - turn[rows - (rows & 1) + along_y]
     force, bound = (np.bincount(rows, what, minlength=len(diagonal))
                     for what in (values * turned, size * np.abs(turned)))
-    resists |= np.abs(force) > 1e-13 * root * bound
+    resists |= np.abs(force) > rounding * root * bound
     return (diagonal <= 0).reshape(of_piece).any(axis=1), resists.reshape(of_piece).any(axis=1)
 
 

@@ -136,6 +136,8 @@ def test_exponent_one_is_the_diagonal_of_the_dual_operator(solved, scene):
 
 @pytest.mark.parametrize("old, new, reason", [
     ("Exponent() m //", "Exponent() 0. //", "normalComplianceExponent is not positive"),
+    ("macro normalCompliance() c //", "macro bilateral() yes //\nmacro normalCompliance() c //",
+     "says nothing of tension"),
     ("macro normalCompliance() c //\n", "", "without normal compliance")])
 def test_misuse_of_exponents_is_refused(solved, scene, old, new, reason):
     run = solved(scene(POWER, (old, new)), cells=2)

@@ -858,3 +858,26 @@ include "export.idp"
 """), reduce=False, subdomains=parts)
     counts = [len(sub.triangles) for sub in problem.subdomains]
     assert len(counts) == parts and min(counts) >= 1 and sum(counts) == 8
+
+
+FAR = """include "scene.idp"
+real away = physical("away", 0.);
+body = square(9, 4, [away + 6.*x, 2.*y]);
+macro young() 1000. //
+macro poisson() 0.3 //
+macro support() on(3, u1 = 0., u2 = 0.) //
+macro contact() 1 //
+macro gap() (-0.02) //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("element", ["P1", "P2", "P2-mixed"])
+def test_bodies_far_from_the_origin_are_read_however_they_are_cut(solved, named_scene, element):
+    """Coordinates have fewer digits there for a triangle, and rows of the stiffness add up less
+    well; the forces are those of the body at the origin.
+    """
+    forces = [solved(named_scene("far", FAR), away=away, element=element, subdomains=cut)
+              .summary["quantities"]["normal_resultant"]
+              for away, cut in ((0, 1), (1000, 1), (1000, 5))]
+    assert forces == pytest.approx(3 * forces[:1], rel=1e-6)

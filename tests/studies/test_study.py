@@ -442,3 +442,24 @@ def test_cycles_of_every_value_end_where_they_settle(made, solved):
         assert float(row["dissipated"]) == pytest.approx(single["dissipated"], rel=1e-5)
     with pytest.raises(InputError, match="goes through all cycles"):
         made(scene="hard/cycles", friction="0.1,0.4", cycles="jump")
+
+
+HEATED = """include "scene.idp"
+real T = physical("heat", 1e-3);
+int[int] below = [1, 2, 5, 4], above = [6, 7, 3, 9];
+addBody(square(4, 2, [4.*x, 2.*y], label = below))
+bodyMaterial("stiff", 1000., 0.3);
+addBody(square(4, 2, [4.*x, 2. + 2.*y], label = above))
+bodyMaterial("soft", 100., 0.4);
+macro contactPair() 6, 5 //
+macro support() on(1, u1 = 0., u2 = 0.) + on(3, u1 = 0., u2 = 0.) //
+macro thermal1() T //
+include "export.idp"
+"""
+
+
+def test_loads_of_bodies_are_made_with_their_own_materials(made, solved, named_scene):
+    """Heat presses each body by its own modulus."""
+    path = str(named_scene("heated", HEATED))
+    _, files = made(scene=path, heat="1e-3,2e-3")
+    compare(files["contact"], solved(path, heat="2e-3", **TIGHT), heat="2e-3")
