@@ -285,7 +285,8 @@ def changed_by(scene: Path, name: str) -> set[str]:
     reached, changed = set(), set()  # names of variables and macros; texts of statements
 
     def is_touched(text: str) -> bool:
-        return bool(asks.search(text) or reached & set(re.findall(r"\w+", text)))
+        words = set(re.findall(r"\w+", grammar.without_texts(text)))
+        return bool(asks.search(text) or reached & words)
 
     size = -1
     while size < len(reached) + len(changed):

@@ -391,7 +391,8 @@ macro pointLoad2() [1., 1.2, 0.1, 0.] //
 @pytest.mark.parametrize("change, words", [
     ("macro support() on(4, u2 = 0.) //", "holds the axis"),
     ("macro displacement1() on(3, u1 = 0.1, u2 = 0.) //", "moves the axis away"),
-    ("macro contact() 4 //", "lies on the axis"),
+    ("macro contact() 4 //", "has contact and lies on the axis"),
+    ("macro tie() 4, 2 //", "is tied and lies on the axis"),
     ("macro planeStress() 1 //", "neither plane"),
     ("macro pointLoad1() [0., 1.2, 1., 0.] //", "radial force on the axis"),
 ])

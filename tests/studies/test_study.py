@@ -363,6 +363,7 @@ def test_contact_data_of_a_later_value_are_those_of_a_first_one(tmp_path, varian
     ("real other = min(F, 1.), E = 1e9;", {"friction"}),
     ("macro strength() (2.*F) //\nreal E = strength*1e9;", {"friction", "young"}),
     ("rotate(F);", {"friction", "'rotate(F)'"}),
+    ('units("F", "Pa");', {"friction"}),  # a word in a text is no variable
 ])
 def test_what_a_parameter_changes(variant, text, changed):
     old = "real E = 21.19e10, nu = 0.277;"
