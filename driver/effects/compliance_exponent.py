@@ -28,8 +28,8 @@ class Room(Effect):
         """
         self.c, self.m = contact.columns["normal_compliance"], contact.columns[self.name]
         if np.any((contact.columns.get("bilateral", 0) > 0) & (self.c > 0) & (self.m != 1)):
-            raise InputError("bilateral contact where normalComplianceExponent is not 1: a power of "
-                             "the closure says nothing of tension; leave one of them out there")
+            raise InputError("bilateral contact where normalComplianceExponent is not 1: a power "
+                             "of the closure says nothing of tension; leave one of them out there")
         self.weight = contact.weight
 
     def closure(self, nodes, force, slip) -> np.ndarray:
