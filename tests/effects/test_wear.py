@@ -117,10 +117,12 @@ def test_no_wear_is_no_wear(solved, scene):
 
 def test_contact_that_pulls_wears_nothing(solved, scene):
     """An obstacle slides along a bilateral boundary, one half of which is pulled by its support."""
-    text = RIGID.replace("1e9", "1e3").replace("subdomains(", "macro bilateral() yes //\nsubdomains(")
+    text = RIGID.replace("1e9", "1e3")
+    text = text.replace("subdomains(", "macro bilateral() yes //\nsubdomains(")
     text = text.replace("macro load1() pressure(3, 5.) //",
                         "macro displacement1() on(3, u1 = 0., u2 = 0.01*x) //")
-    text = text.replace("macro displacement2() on(3, u1 = 3.) //", "macro obstacleX(t) 9.*(t > 1.) //")
+    text = text.replace("macro displacement2() on(3, u1 = 3.) //",
+                        "macro obstacleX(t) 9.*(t > 1.) //")
     text = text.replace("macro amplitude2(t) max(0., t - 1.) //\n", "")
     c = solved(scene(text), cells=4, steps=4, k=1e-4, **TIGHT).contact
     pulls = c["sigma_n"] > 1e-3 * np.abs(c["sigma_n"]).max()

@@ -148,7 +148,8 @@ def test_strides_leave_a_step(steps, strides):
 @pytest.mark.parametrize("steps, frictional, expected", [
     (3, True, None), (4, True, [1, 2, 4]), (5, True, None), (6, True, [1, 2]), (8, True, [1, 2, 4]),
     (18, True, [1, 2]), (19, True, None), (21, True, [1, 2, 4]), (5, False, [1, 2])])
-def test_coarser_times_do_not_share_the_first_of_few_steps(monkeypatch, steps, frictional, expected):
+def test_coarser_times_do_not_share_the_first_of_few_steps(
+        monkeypatch, steps, frictional, expected):
     """Of five steps every other one, from the last back, would leave the first; then more are made.
     """
     monkeypatch.setattr(companions, "departures", lambda *_: [])
