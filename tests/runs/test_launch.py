@@ -203,6 +203,15 @@ def test_numpy_asks_for_no_huge_pages():
     assert done.stdout == "False\n", done.stderr
 
 
+@pytest.fixture
+def heeded():
+    """Interrupts are, also where the tests run in the background of a shell, which ignores them."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("heeded")
 def test_packages_are_loaded_whole(monkeypatch):
     """An interrupt waits for the end of their imports, which could go on with parts of them."""
     monkeypatch.setattr(environment, "prepare_numpy", lambda: None)
