@@ -7,6 +7,7 @@ from . import grammar
 from .grammar import Definition, Source
 
 INNERMOST = re.compile(r"[([{][^][(){}]*[])}]")  # brackets without others in them
+SEPARATORS = re.compile(r"[][(){},;]")
 NAME = re.compile(r"(?<![\w.])[A-Za-z_]\w*")
 NUMBER = re.compile(r"(?<!func )\b(?:real|int|bool|string)\s+(\w[^;]*)")  # declared, or several
 PLACE = {"x", "y", "z", "N", "P", "label", "region", "nuTriangle", "nuEdge", "hTriangle", "lenEdge",
@@ -23,14 +24,7 @@ def chooses_twice(code: str) -> bool:
 
     Some of these may be closed in another line.
     """
-    while True:
-        innermost = INNERMOST.search(code)
-        part = innermost[0] if innermost else code
-        if any(each.count("?") > 1 for each in re.split(r"[][(){},;]", part)):
-            return True
-        if not innermost:
-            return False
-        code = code[:innermost.start()] + code[innermost.end():]
+    return any(each.count("?") > 1 for each, _ in _apart(code))
 
 
 def losing(sources: list[Source]) -> Iterable[tuple[Definition, str]]:
@@ -78,23 +72,32 @@ def _lost(content: str, fixed: set[str]) -> str:
 
     As it is written; empty if there is none.
     """
-    brackets = []  # those looked at, which numbers in control characters stand for
+    for each, brackets in _apart(content):
+        if choice := re.fullmatch(r"([^?]*)\?([^?:]*):(.*)", each, re.DOTALL):
+            condition, first, second = (set(NAME.findall(_written(text, brackets)))
+                                        for text in choice.groups())
+            if condition | first <= fixed and not second <= fixed:
+                return " ".join(_written(each, brackets).split())
+    return ""
 
-    def written(text: str) -> str:
-        while "\0" in text:
-            text = re.sub("\0(\\d+)\0", lambda which: brackets[int(which[1])], text)
-        return text
 
-    while True:
-        innermost = INNERMOST.search(content)
-        part = innermost[0][1:-1] if innermost else content
-        for each in re.split("[,;]", part):
-            if choice := re.fullmatch(r"([^?]*)\?([^?:]*):(.*)", each, re.DOTALL):
-                condition, first, second = (set(NAME.findall(written(text)))
-                                            for text in choice.groups())
-                if condition | first <= fixed and not second <= fixed:
-                    return " ".join(written(each).split())
-        if not innermost:
-            return ""
-        content = f"{content[:innermost.start()]}\0{len(brackets)}\0{content[innermost.end():]}"
+def _apart(code: str) -> Iterable[tuple[str, list[str]]]:
+    """Expressions that brackets, commas and semicolons keep apart, those in brackets first.
+
+    With the brackets so far, for which their numbers in control characters stand.
+    """
+    brackets = []
+    while innermost := INNERMOST.search(code):
+        for each in SEPARATORS.split(innermost[0]):
+            yield each, brackets
+        code = f"{code[:innermost.start()]}\0{len(brackets)}\0{code[innermost.end():]}"
         brackets.append(innermost[0])
+    for each in SEPARATORS.split(code):
+        yield each, brackets
+
+
+def _written(text: str, brackets: list[str]) -> str:
+    """An expression with its brackets, as it is written."""
+    while "\0" in text:
+        text = re.sub("\0(\\d+)\0", lambda which: brackets[int(which[1])], text)
+    return text
