@@ -46,6 +46,8 @@ LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "SLURM_PROCID")  # 
 EVERY_STEP = "DRIVER_EVERY_STEP"  # set where each step is to be printed, not some of them
 SET_UP = "run 'make setup' (apt packages: see apt-packages.txt)"
 
+_interrupts = []  # signals that have interrupted this process
+
 
 def version() -> str:
     """The suite's version, which stands in pyproject.toml."""
@@ -148,16 +150,29 @@ def heed_interrupts() -> None:
     """Clean up on SIGTERM as on ctrl-C, wherever it comes.
 
     In a callback of Python itself, as in imports, an interrupt is printed and lost: it is repeated.
+    Libraries may drop one without a word, as NumPy does while it looks up what an object is:
+    `heed_lost_interrupt` raises it.
     """
+    def interrupt(number, frame):
+        _interrupts.append(number)
+        signal.default_int_handler(number, frame)
+
     def again(unraisable):
         if isinstance(unraisable.exc_value, KeyboardInterrupt):
             signal.setitimer(signal.ITIMER_REAL, AGAIN)
         else:
             sys.__unraisablehook__(unraisable)
 
-    for number in (signal.SIGTERM, signal.SIGALRM):
-        signal.signal(number, signal.default_int_handler)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM):
+        if number != signal.SIGINT or signal.getsignal(number) is signal.default_int_handler:
+            signal.signal(number, interrupt)  # a job in the background may have to ignore SIGINT
     sys.unraisablehook = again
+
+
+def heed_lost_interrupt() -> None:
+    """Raise KeyboardInterrupt if one came and this is reached all the same; costs nothing."""
+    if _interrupts:
+        raise KeyboardInterrupt
 
 
 def prepare_libraries() -> None:

@@ -74,7 +74,8 @@ class Acting(IntEnum):
     SECOND_RUBS = 6
 
 
-BOTH, FIRST, SECOND, STANDING, NEITHER, FIRST_RUBS, SECOND_RUBS = Acting
+# plain numbers, see equations.py
+BOTH, FIRST, SECOND, STANDING, NEITHER, FIRST_RUBS, SECOND_RUBS = (int(state) for state in Acting)
 RUBS = FIRST_RUBS, SECOND_RUBS
 # by state: whether the normal, the tangential row of the (first, second) node is excluded
 NORMAL_OUT = np.array([[state in (SECOND, NEITHER), state in (FIRST, NEITHER)] for state in Acting])

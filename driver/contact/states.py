@@ -27,4 +27,4 @@ class ContactField(enum.StrEnum):
 
 
 STATUS_NAMES = tuple(status.name.lower() for status in ContactStatus)
-OPEN, STICK, SLIP = ContactStatus
+OPEN, STICK, SLIP = (int(status) for status in ContactStatus)  # plain numbers, see equations.py

@@ -36,7 +36,7 @@ FAR = 1e3  # body lengths from the origin: three digits
 def warnings(problem, step) -> list[str]:
     """Warnings about the solved `problem` and its finished `step`, if any; collective."""
     return [*(locking(problem, step) if step else []),
-            *lost_digits(problem.structure, problem.operator.comm), *unseen_loads(problem)]
+            *lost_digits(problem), *unseen_loads(problem)]
 
 
 def unseen_loads(problem) -> list[str]:
@@ -130,16 +130,19 @@ def _oscillation(parts, nodes: int, constant: bool, comm) -> np.ndarray:
     return comm.allreduce(squares)
 
 
-def lost_digits(structure, comm) -> list[str]:
+def lost_digits(problem) -> list[str]:
     """One line if the body is too far from the origin for the digits of its coordinates."""
-    xy = np.concatenate([np.empty((0, 2)), *(sub.xy for sub in structure.subdomains)])
+    subdomains, comm = problem.structure.subdomains, problem.operator.comm
+    xy = np.concatenate([np.empty((0, 2)), *(sub.xy for sub in subdomains)])
     ends = np.array(comm.allgather([xy.min(axis=0, initial=np.inf),
                                     xy.max(axis=0, initial=-np.inf)]))
     low, high = ends[:, 0].min(axis=0), ends[:, 1].max(axis=0)
-    distance = np.abs([low, high]).max() / (high - low).max()
+    away = np.abs([low, high]).max(axis=0) / (high - low).max()
+    distance = away.max()
     if distance < FAR:
         return []
     lost = np.log10(distance)
+    its_radius = problem.manifest.axisymmetric and away[0] >= FAR
+    remedy = "such a ring is a straight bar" if its_radius else "move it to the origin"
     return [f"the body is {distance:.0e} times its length away from the origin: {lost:.0f} of the "
-            "16 digits of its coordinates say where it is and not what shape it has; move it to "
-            "the origin"]
+            f"16 digits of its coordinates say where it is and not what shape it has; {remedy}"]

@@ -23,7 +23,7 @@ wherever it lives, and the coarse problem is solved on every rank or by groups o
 
 import numpy as np
 
-from ..environment import give_back_memory
+from ..environment import give_back_memory, heed_lost_interrupt
 from ..errors import NoSolution, agree
 from . import free_motions
 from .blocks import BlockDiagonal
@@ -169,6 +169,7 @@ class DualOperator(DualProblem):
     # ---- the dual problem --------------------------------------------------------------------
     def apply(self, multipliers: np.ndarray) -> np.ndarray:
         """F times a dual vector."""
+        heed_lost_interrupt()
         self.products += 1
         vectors = self.vectors
         x, y, force = vectors.gather(multipliers), vectors.local, np.zeros(len(self.coarse.numbers))

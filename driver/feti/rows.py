@@ -9,18 +9,15 @@
 """
 
 from dataclasses import dataclass
-from enum import IntEnum
 
 import numpy as np
 
 
-class RowKind(IntEnum):
-    """Kind of a dual row."""
+class RowKind:
+    """Kinds of a dual row, plain numbers: NumPy drops interrupts while it sees what others are."""
 
-    GLUING = 0
-    NORMAL = 1
-    TANGENTIAL = 2
-    JOINED = 3
+    COUNT = 4
+    GLUING, NORMAL, TANGENTIAL, JOINED = range(COUNT)
 
 
 @dataclass

@@ -5,8 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..errors import NoSolution
 from ..qp import complementarity
 from ..qp.coulomb import SLIGHT, CoulombProblem
+from ..feti.cholesky import SINGULAR
 from ..feti.compliance import contact_compliance
 from ..feti.dual_problem import DualProblem
 from ..feti.fronts import GluingElimination
@@ -197,10 +199,15 @@ class Condensation:
         return np.reshape(moved, (op.structure.patterns, self.total)).T
 
     def compliance(self) -> np.ndarray:
-        """C (n + m, n + m), computed at the first call. Raises NotConverged."""
+        """C (n + m, n + m), computed at the first call.
+
+        Raises NotConverged, and NoSolution where rounding leaves a row no positive compliance.
+        """
         if self._compliance is None:
             self._compliance = (contact_compliance(self.operator) if self.elimination is None
                                 else self.elimination.compliance())
+            if not np.all(np.diag(self._compliance) >= 0):
+                raise NoSolution(f"the contact nodes' {SINGULAR}")
         if self._selected is None or self.operator.softness is not self._softness:
             self._selected, self._law = self._compliance, None
             self._softness = self.operator.softness

@@ -19,6 +19,7 @@ from mpi4py import MPI
 from ..contact.kkt import Scales
 from ..contact.rows import contact_rows
 from ..effects import Effects
+from ..environment import heed_lost_interrupt
 from ..errors import DriverError, NotConverged
 from ..feti.dual_problem import DualProblem
 from ..options import Settings
@@ -109,6 +110,7 @@ class QuasistaticSolver:
         if self.history.steps == 0:
             self._start()
         while (index := self.history.steps + 1) < len(self.times):
+            heed_lost_interrupt()
             step, error = self._advance(index)
             self.history.seconds += time.perf_counter() - clock
             if error is not None:

@@ -17,7 +17,8 @@ class State(IntEnum):
     BACKWARD = 3
 
 
-OPEN, STICK, FORWARD, BACKWARD = (int(state) for state in State)  # plain numbers are fast
+# plain numbers: of others NumPy asks their class what they are, and drops interrupts that come then
+OPEN, STICK, FORWARD, BACKWARD = (int(state) for state in State)
 
 
 class Equations:

@@ -50,7 +50,7 @@ class Sizes:
     @classmethod
     def of(cls, structure: Substructure) -> "Sizes":
         """Sizes of a torn problem."""
-        rows = np.bincount(structure.at_contact.kind, minlength=len(RowKind)).tolist()
+        rows = np.bincount(structure.at_contact.kind, minlength=RowKind.COUNT).tolist()
         rows[RowKind.GLUING] = structure.dual_dofs - sum(rows)
         return cls(structure.total, structure.primal_dofs, structure.dual_dofs, *rows,
                    structure.coarse_dofs, len(structure.contact.declared.gid))

@@ -303,9 +303,9 @@ def _unknown(name: str, error: re.Match | None, scene: Path) -> str:
         hint = "; the time is the argument of an amplitude: macro amplitude1(t) ... //"
     elif re.fullmatch("u|v|u_?[xyrz]|v_?[xyrz]", name):
         hint = "; displacements are u1, u2, along x, y or r, z, with test functions v1, v2"
-    elif name in ("c11", "c12", "c13", "c22", "c23", "c33"):
+    elif name in ("young", "poisson", "c11", "c12", "c13", "c22", "c23", "c33"):
         return (f"{scene.name}: the scene declares no {name}: a material is given by young and "
-                "poisson or by all of c11, c12, c13, c22, c23, c33")
+                "poisson or, in plane bodies, by all of c11, c12, c13, c22, c23, c33")
     elif grammar.places(scene, rf"\b(physical|choice|whole)\s*\(\s*{name}\b"):
         hint = "; is it a name that belongs in quotes?"
     elif name in rooms.vocabulary():

@@ -76,7 +76,7 @@ def saddle(structure: Substructure) -> Saddle:
         parts += [(i, j, value[free]), (j, i, value[free])]
     i, j, value = (np.concatenate(column) for column in zip(*parts))
     size = corners + structure.dual_dofs
-    kinds = corners + np.cumsum(np.bincount(structure.row_kind, minlength=len(RowKind)))
+    kinds = corners + np.cumsum(np.bincount(structure.row_kind, minlength=RowKind.COUNT))
     return Saddle(coo_matrix((value, (i, j)), shape=(size, size)).tocsr(), np.array(torn), corners,
                   kinds, rows)
 

@@ -59,3 +59,9 @@ def test_two_laws_on_one_label_are_refused(solved, floor):
     run = solved(floor("label == 4 ? 2.", "label != 33 ? 2."))
     assert run.status == 2
     assert "friction and tresca are both positive on label 21" in run.reason
+
+
+def test_cohesion_where_a_bound_is_given_is_refused(solved, floor):
+    run = solved(floor("macro tresca()", "macro cohesion() 1. //\nmacro tresca()"))
+    assert run.status == 2
+    assert "cohesion and tresca are both positive on label 4" in run.reason

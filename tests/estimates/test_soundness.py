@@ -94,6 +94,36 @@ def test_lost_digits(solved, x0, far):
     assert said(solved("hard/block", **QUICK, X0=x0), "digits") == far
 
 
+RING = """include "scene.idp"
+real R = physical("radius", 1e4);
+body = square(6, 3, [R + 6.*x - 3., 2.*y]);
+bodyMaterial("elastomer", 1000., 0.3);
+macro axisymmetric() 1 //
+macro load1() pressure(3, 1.) //
+macro contact() 1 //
+macro friction() 0.3 //
+include "export.idp"
+"""
+
+
+@pytest.fixture
+def ring(tmp_path):
+    """A ring whose radius is given, on a plane."""
+    (tmp_path / "ring.edp").write_text(RING)
+    return str(tmp_path / "ring.edp")
+
+
+def test_a_ring_cannot_move_to_its_axis(solved, ring):
+    lines = solved(ring, ERRORS="no").summary["warnings"]
+    assert any("digits" in line and "straight bar" in line for line in lines)
+
+
+def test_a_ring_too_large_for_sixteen_digits_is_refused(solved, ring):
+    """Its hoop stiffness, E A / R^2, is below the rounding of the section's."""
+    run = solved(ring, ELEMENT="P2-mixed", RADIUS=1e7, ERRORS="no")
+    assert run.status == 3 and "contact nodes' stiffness is not positive definite" in run.reason
+
+
 def test_a_load_that_jumps_inside_an_edge(solved, tmp_path):
     """Three points an edge see 0, 5, 13 or 18 eighteenths of it: what they miss is said.
 

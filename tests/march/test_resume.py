@@ -53,6 +53,21 @@ def same(one, other) -> bool:
     return np.array_equal(one, other)
 
 
+def test_a_lost_interrupt_ends_a_run_before_its_next_product_or_step(built, steps_of, monkeypatch):
+    """NumPy drops what is raised while it looks up an object's own functions."""
+    problem = built(loading="nonmonotone", cells=2, steps=3)
+    solver = QuasistaticSolver(problem.operator, Effects(problem.manifest),
+                               problem.manifest.factors, np.linspace(0, 1, 4), Settings())
+    steps = solver.steps()
+    next(steps)
+    monkeypatch.setattr(environment, "_interrupts", [signal.SIGTERM])
+    with pytest.raises(KeyboardInterrupt):
+        problem.operator.apply(np.zeros(problem.operator.owned))
+    monkeypatch.setattr(problem.operator, "apply", None)
+    with pytest.raises(KeyboardInterrupt):
+        next(steps)
+
+
 def test_what_is_restored_is_what_was_kept(built, steps_of):
     """All of it, also what a run seldom has: doubt about a step, rigid motions, a load of its own.
     """

@@ -117,6 +117,20 @@ include "export.idp"
         built(scene, reduce=False, cells=2)
 
 
+def test_plane_stress_of_a_general_law_is_refused(built, named_scene):
+    """The law is that of the plane already: the declaration would change nothing."""
+    laws = "".join(f"macro c{k}() {v} //\n" for k, v in
+                   ((11, 3), (12, 1), (13, 0), (22, 3), (23, 0), (33, 1)))
+    scene = named_scene("stressed", f"""include "scene.idp"
+rectangle(0., 1., 0., 1.);
+{laws}macro planeStress() 1 //
+macro support() on(4, u1 = 0, u2 = 0) //
+include "export.idp"
+""")
+    with pytest.raises(InputError, match="take planeStress out"):
+        built(scene, reduce=False, cells=2)
+
+
 @pytest.mark.parametrize("laws", [
     "macro c22() signOfStiffness //\nmacro c33() signOfStiffness //",
     "macro c22() 1. //\nmacro c33() signOfStiffness //"])
