@@ -11,7 +11,7 @@ from ..results.record import Record
 from . import caution, jumps, unresolved
 from .between_steps import departures
 from .budget import (OF_TIME, Part, advice, coarser, extrapolate, formal_order, mesh_knob, name_of,
-                     ratio, summed)
+                     located, ratio, summed)
 from .levels import Level, Levels, samples
 from .polygons import stand_for_curves
 
@@ -37,6 +37,7 @@ class Companions:
         adjoint.assess, `energy` the entry of energy.report.
         """
         self.values, self.at = record.quantities()
+        self.unplaced = record.unplaced[self.at]
         self.singular, touch = record.singular_places(), record.touch(self.at)
         error, element = unresolved.energy_error(energy), problem.manifest.element
         self.caution = caution.Caution.of(problem, touch, sizes, error, bool(levels.cycles),
@@ -165,12 +166,36 @@ class Companions:
         touches = [self.caution.touch, *(self.level(mesh, each).touch for mesh, each, _ in zip(
             self.meshes[1:], (1, stride), good))]
         parts = self.caution.parts(self.values, good, self.ratios, self.singular, touches)
+        if good:
+            parts["displacement"] = located(parts["displacement"],
+                                            self._exceeding(len(good), stride))
         value, part = self.values["displacement"], parts["displacement"]
         unseen = part.error is not None and part.error <= ROUNDING * value
         if unseen and self.meshes[0] != self.base:
             # that of a support: no mesh tells when a place between the supports moves by more
             parts["displacement"] = Part(UNSEEN * value)
         return unresolved.known(parts, self.unresolved, self.values, self.caution.touch)
+
+    def _exceeding(self, pairs: int, stride: int) -> float:
+        """By how much places that neither contact nor a support places may exceed the largest
+        displacement, from `pairs` of meshes; zero where the largest is theirs on all of them.
+
+        A node that is placed hardly moves with the mesh: such largest ones tell nothing of others.
+        """
+        def largest(mesh: dict, stride: int) -> tuple[float, float]:
+            level = self.level(mesh, stride)
+            return level.values["displacement"], level.record.unplaced[level.at]
+
+        runs = list(zip(self.meshes, self.meshes[1:], (1, stride)))[:pairs]
+        finer = [(self.values["displacement"], self.unplaced),
+                 *(largest(mesh, each) for mesh, _, each in runs[1:])]
+        coarser = [largest(mesh, each) for _, mesh, each in runs]
+        if all(most == unplaced for most, unplaced in finer[:pairs] + coarser):
+            return 0.0
+        formal = formal_order("mesh", self.manifest.element, "displacement")
+        part = extrapolate([a - b for (_, a), (_, b) in zip(finer, coarser)], self.ratios, formal,
+                           self.unplaced, True)
+        return max(self.unplaced + part.error - self.values["displacement"], 0.0)
 
     def _time(self) -> dict[str, Part]:
         """Every second and fourth time; without friction only the instant counts.

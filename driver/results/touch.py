@@ -90,14 +90,14 @@ def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
 
     Beside a clamped node contact may be lost between it and a closed one, over half of the edge.
     Where contact ends between two nodes the place is known to a part of the edge, and where
-    pressure falls steeply towards an end of the boundary contact may end before it. The largest
-    slip may be elsewhere by as much as it differs from that of the next nodes that have touched.
+    pressure falls steeply towards an end of the boundary contact may end before it, by as much as
+    `_before_ends` says where it would be zero there but for the end node. The largest slip may be elsewhere by as much as it differs from that of the next nodes that have touched.
     All but the first where FEW nodes are in contact; where there are more by less in proportion: of
     slip where more have slid, as it is zero wherever all stick. The largest pressure by how far it
     stands out from its neighbours, see `_standing_out`.
     """
     touching = steps["status"][: index + 1] != OPEN
-    closed, clamped, edges, apart = touching[-1], 0.0, [], 0.0
+    closed, clamped, early, edges, apart = touching[-1], 0.0, 0.0, [], 0.0
     sliding = steps["status"][: index + 1] == SLIP
     way = np.where(sliding, moves(steps)[: index + 1], 0.0).sum(axis=0)
     top = farthest_node(steps, index)
@@ -106,6 +106,8 @@ def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
             edges += _ends(nodes, piece, closed[piece], -steps["sigma_n"][index][piece])
             if not is_ring(nodes, piece):
                 clamped += float(beyond_ends(nodes, piece) @ closed[piece[[0, -1]]]) / 2
+                early += _before_ends(nodes, piece, closed[piece],
+                                      -steps["sigma_n"][index][piece])
         near = piece[(np.abs(piece - top) <= 1) & touching[:, piece].any(axis=0)]
         if top in piece and len(near):
             apart = float(np.abs(way[near] - way[top]).max())
@@ -113,7 +115,7 @@ def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
     share = min(1.0, FEW / max(1, np.count_nonzero(closed)))
     ends = EDGE * share * float(np.linalg.norm(edges))
     return {"peak_pressure": _standing_out(nodes, np.abs(steps["sigma_n"][index])),
-            "contact_length": max(clamped, ends), "slip": apart}
+            "contact_length": max(clamped, early, ends), "slip": apart}
 
 
 def _standing_out(nodes: dict, pressure: np.ndarray) -> float:
@@ -146,6 +148,24 @@ def _ends(nodes: dict, piece: np.ndarray, closed: np.ndarray, pressure: np.ndarr
         if closed[end] and not mirrored and pressure[end] < FALLS * pressure[near]:
             ends.append(side[end] * (1 - max(pressure[end], 0.0) / pressure[near]))
     return ends
+
+
+def _before_ends(nodes: dict, piece: np.ndarray, closed: np.ndarray,
+                 pressure: np.ndarray) -> float:
+    """Length at the ends of a piece, closed as they are, over which contact may have ended.
+
+    The line through the next two pressures is below zero there, or the node at the end, which
+    carries the force of half an edge, is the only one that does not follow their fall. Pressure
+    vanishes like r^(1/2): its square locates the end.
+    """
+    arc, early = nodes["arc"][piece], 0.0
+    for end, near, far in ((0, 1, 2), (-1, -2, -3)) if len(piece) > 3 else ():
+        p, q = max(pressure[near], 0.0), pressure[far]
+        last, side = abs(arc[near] - arc[end]), abs(arc[far] - arc[near])
+        if closed[end] and not nodes["mirrored"][piece[end]] and p < q and (
+                p * side < (q - p) * last or p < pressure[end]):
+            early += last - min(last, side * p**2 / (q**2 - p**2))
+    return early
 
 
 def _sides(nodes: dict, piece: np.ndarray, closed: np.ndarray) -> float:

@@ -306,6 +306,23 @@ def test_boundaries_of_a_single_node_have_its_length():
                                                "slip": 0.0}
 
 
+@pytest.mark.parametrize("pressure, open_length", [
+    ([4.5, 5, 11, 16, 20], 1 - 25 / (121 - 25)),  # the line through 11 and 5 ends before 0
+    ([12, 11, 19, 25, 27], 1 - 121 / (361 - 121)),  # only the end itself does not fall
+    ([2, 4, 6, 8, 10], 0.0), ([9, 10, 11, 11, 10], 0.0), ([30, 20, 18, 19, 20], 0.0),
+    ([4, 0, 8, 16, 20], 1.0)])
+def test_contact_may_have_ended_where_pressure_falls_to_nothing(pressure, open_length):
+    """Pressure vanishes like r^(1/2); at an end that it does not fall to, nothing is open."""
+    x = np.arange(5.0)
+    for turned in (False, True):
+        p = np.array(pressure[::-1] if turned else pressure, float)
+        nodes = {"arc": x, "mirrored": np.zeros(5, bool)}
+        args = nodes, np.arange(5), np.ones(5, bool), p
+        assert touch._before_ends(*args) == pytest.approx(open_length)
+        nodes["mirrored"][:] = True
+        assert touch._before_ends(*args) == 0.0
+
+
 # ------------------------------------------------------------------------------ tables, lines
 
 UNITS = {"length": "mm", "stress": "MPa"}
