@@ -143,6 +143,7 @@ def lost_digits(problem) -> list[str]:
         return []
     lost = np.log10(distance)
     its_radius = problem.manifest.axisymmetric and away[0] >= FAR
-    remedy = "such a ring is a straight bar" if its_radius else "move it to the origin"
+    remedy = ("such a ring is straight, take axisymmetric out" if its_radius
+              else "move it to the origin")
     return [f"the body is {distance:.0e} times its length away from the origin: {lost:.0f} of the "
             f"16 digits of its coordinates say where it is and not what shape it has; {remedy}"]

@@ -27,8 +27,7 @@ from ..errors import NoSolution
 cholmod.options.update(supernodal=2, nmethods=1)  # L L'; the given order and no other
 AT_A_TIME = 256  # rows that are mirrored: without copies of a large triangle
 SINGULAR = ("stiffness is not positive definite to rounding, which no cut can cause: check whether "
-            "the material varies by many orders of magnitude, triangles are next to degenerate or a "
-            "ring is very much larger than its section")
+            "the material varies by many orders of magnitude and triangles are next to degenerate")
 
 
 class Interior:

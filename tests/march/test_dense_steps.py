@@ -11,7 +11,7 @@ from driver.contact.kkt import Scales
 from driver.contact.rows import ContactRows
 from driver.errors import NoSolution, NotConverged
 from driver.feti.dual_problem import DualProblem
-from driver.march import fixed_point
+from driver.march import condensation, fixed_point
 from driver.march.condensation import Condensation
 from driver.march.fixed_point import FixedPoint
 from driver.march.friction_qp import FrictionQP
@@ -115,6 +115,18 @@ def solves(of, load, x, rtol=1e-5) -> bool:
     natural = [n - np.maximum(n + move[:N], 0.0),
                t - np.clip(t + move[N : 2 * N], -bound, bound), move[2 * N :]]
     return max(np.abs(part).max() for part in natural) <= rtol * np.abs(x).max()
+
+
+def test_compliance_that_rounding_has_made_negative_is_refused(monkeypatch):
+    """As that of a body whose stiffness loses all digits: no state of contact would follow."""
+    of = parts(1, 0.3, None)
+    of.condensation._compliance = None
+    for worst in (-1e-9, np.nan):
+        monkeypatch.setattr(condensation, "contact_compliance",
+                            lambda operator, c=worst: np.diag([1.0] * (2 * N - 1) + [c]))
+        with pytest.raises(NoSolution, match="contact nodes' stiffness is not positive definite"):
+            of.condensation.compliance()
+        of.condensation._compliance = None
 
 
 TIGHT = {"rtol": 1e-11, "friction_rtol": 1e-9}
