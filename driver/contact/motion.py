@@ -47,6 +47,12 @@ class ObstacleMotion:
         to_last = shift - _turned(self.xy - self.pivot - self.shift[last], -turn)
         return ((from_first + to_last) / 2 * self.tangent).sum(axis=1)
 
+    def rests(self, before: float, now: float) -> bool:
+        """Whether all obstacles stand at one of these times where they stood at another."""
+        first, last = self.index(before), self.index(now)
+        return all(np.array_equal(values[first], values[last])
+                   for values in (self.gap, self.shift, self.angle))
+
     def of(self, nodes: np.ndarray) -> "ObstacleMotion":
         """The same at some nodes."""
         return replace(self, gap=self.gap[:, nodes], shift=self.shift[:, nodes],

@@ -95,15 +95,16 @@ class Dissipation:
         return np.where(falls, parts, UNKNOWN)
 
 
-def start(effects, law, weight: np.ndarray, amplitudes: np.ndarray) -> np.ndarray | None:
+def start(effects, law, weight: np.ndarray, amplitudes: np.ndarray,
+          moves: bool = False) -> np.ndarray | None:
     """(n,) friction bounds at time 0 as `Dissipation` takes them, of a run with `effects`.
 
-    `law` is the ContactLaw of the nodes, `amplitudes` (steps + 1, patterns) are the factors of the
-    loads. The nodes carry nothing at time 0 unless there is a preload, or loads that stand there
-    while others begin to grow.
+    `law` is the ContactLaw of the nodes, `amplitudes` (steps + 1, patterns) are the factors of
+    loads that are not zero. The nodes carry nothing at time 0 unless there is a preload, or loads
+    that stand there while others begin to grow or, in the first step, an obstacle `moves`.
     """
     begin, first = amplitudes[:2]
-    stands = begin.any() and not np.array_equal(begin, first)
+    stands = begin.any() and (moves or not np.array_equal(begin, first))
     if "preload" in effects or stands:
         return None
     return law.friction_bound(np.zeros(len(weight))) / weight

@@ -38,7 +38,9 @@ class Record:
         b = self.contact.boundary
         self.dissipation = None
         if self.effects.frictional:
-            bound = start(self.effects, self.contact.law, b.weight, solver.amplitudes)
+            moves = b.motion is not None and not b.motion.rests(*solver.times[:2])
+            bound = start(self.effects, self.contact.law, b.weight,
+                          solver.amplitudes[:, self._acting()], moves)
             self.dissipation = Dissipation(b.weight, b.gap, bound)
 
     def add(self, step: Step) -> tuple[list[np.ndarray], dict[str, np.ndarray]]:
@@ -65,6 +67,15 @@ class Record:
         self.displacements.append(largest[0])
         self.unplaced.append(largest[1])
         return fields, state
+
+    def _acting(self) -> np.ndarray:
+        """(patterns,) which loads are not zero everywhere."""
+        structure = self.operator.structure
+        acts = np.zeros(structure.patterns, bool)
+        acts[[*structure.travel.patterns]] = True
+        for sub in structure.subdomains:
+            acts |= np.any(sub.loads, axis=1)
+        return np.any(self.operator.comm.allgather(acts), axis=0)
 
     def _without_place(self) -> np.ndarray:
         """(1 + nodes of the rank's subdomains,) of which none is placed; the first is no node."""

@@ -25,7 +25,9 @@ BUILT_IN = frozenset("""
     readmesh restrict rint round sin sqrt square trunc""".split())
 VOCABULARY = ("traction", "pressure", "addBody")  # macros of scene.idp
 MACRO = re.compile(r"[ \t]*macro[ \t]+(\w+)[ \t]*(?:\(([^()]*)\))?(.*)")
-AFTER_MACRO = re.compile(r"[ \t]*(?:macro|NewMacro|include|IFMACRO|ENDIFMACRO)\b")
+AFTER_MACRO = re.compile(r"[ \t]*(?:macro|include|IFMACRO|ENDIFMACRO)\b")
+# what these checks would not see, or see no end of
+HIDDEN = re.compile(r'\bNewMacro\s+(\w+)|\S.*?\b(?:macro\s+(\w+)|(include)\s*")')
 DECLARATION = re.compile(r"(?:real|int|bool|string|complex|mesh|matrix|varf|border|fespace|"
                          r"func\s+\w+)(?:\s*\[[^\]]*\])?\s+([^;]*)")
 PARAMETER = re.compile(r'\b(?:physical|whole|choice)\s*\(\s*"([^"]*)"')
@@ -111,7 +113,7 @@ def definitions(source: Source) -> list[Definition]:
             content += f"\n{more}"
             number += 1
         found.append(Definition(source.path, start + 1, head[1], head[2], content.strip(),
-                                bool(end) or "EndMacro" in content))
+                                bool(end)))
     return found
 
 
@@ -120,11 +122,13 @@ def check(scene: Path) -> None:
     files = sources(scene)
     if not any(line.strip() for source in files for line in source.code):
         raise InputError(f"{scene.name} is empty: see edp/tutorial.edp for how to write a scene")
+    for source in files:
+        _check_characters(source)
+        _check_places(source)
     _check_includes(files)
     _check_end(files[0])
     _check_circles(files)
     for source in files:
-        _check_characters(source)
         _check_brackets(source)
         _check_bodies(source)
         for definition in definitions(source):
@@ -138,6 +142,18 @@ def check(scene: Path) -> None:
             if name in BUILT_IN:
                 raise InputError(f"{source.path.name} line {line}: the name '{name}' is FreeFEM's "
                                  "own, with which the library works; choose another")
+
+
+def _check_places(source: Source) -> None:
+    """Macros and includes stand at the beginning of a line, where they are looked for."""
+    for number, line in enumerate(source.code, 1):
+        if hidden := HIDDEN.match(without_texts(line).strip()):
+            place = f"{source.path.name} line {number}: "
+            if hidden[1]:
+                raise InputError(f"{place}write the macro {hidden[1]} as  macro {hidden[1]}() ... "
+                                 "//  on a line of its own, not by NewMacro")
+            what = f"the macro {hidden[2]}" if hidden[2] else "include"
+            raise InputError(f"{place}{what} must begin its line: start a new one before it")
 
 
 def _check_includes(files: list[Source]) -> None:

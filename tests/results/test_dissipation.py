@@ -92,6 +92,37 @@ def test_loads_that_stand_from_the_start_press_in_the_first_step_already(solved)
     assert few == pytest.approx(many, rel=2e-3)  # with half of the first step's: 12 % less
 
 
+PAD = """include "scene.idp"
+body = square(16, 8, [8.*x, 4.*y]);
+quasistatic(1.);
+macro young() 1e6 //
+macro poisson() 0. //
+macro contact() 1 //
+macro friction() 0.3 //
+macro load1() pressure(3, 2.) //
+"""
+FLOOR_MOVES = "macro support() on(3, u1 = 0.) //\nmacro obstacleX(t) 0.5*t //\n"
+PAD_MOVES = "macro displacement2() on(3, u1 = -0.5) //\nmacro amplitude2(t) t //\n"
+
+
+@pytest.mark.parametrize("motion", [FLOOR_MOVES, PAD_MOVES])
+def test_a_pad_under_a_standing_load_rubs_all_the_way(solved, named_scene, motion):
+    """F p L s = 2.4, whichever of the two moves, in any number of steps; half of the first step's
+    share would be missing. The elastic slip of about p L / E before it slides is not work.
+    """
+    for steps in (3, 10):
+        run = solved(named_scene("pad", PAD + motion + 'include "export.idp"\n'), steps=steps)
+        assert run.summary["dissipated"] == pytest.approx(2.4, rel=1e-4), steps
+
+
+def test_a_load_of_nothing_changes_no_work(solved, named_scene):
+    """Though its factor stands at time 0 while the other load begins to grow."""
+    growing = PAD + PAD_MOVES + "macro amplitude1(t) t //\n"
+    one, two = (solved(named_scene(name, growing + more + 'include "export.idp"\n'), steps=3)
+                for name, more in (("one", ""), ("two", "macro load3() traction(2, 0., 0.) //\n")))
+    assert one.summary["dissipated"] == pytest.approx(two.summary["dissipated"], rel=1e-9)
+
+
 def test_the_work_of_a_cycle_counts_for_those_jumped_over_after_it():
     """Cycles of two steps after one; after the second of them three more are jumped over."""
     record = object.__new__(Record)

@@ -106,6 +106,10 @@ def test_a_macro_that_does_not_end(said, name):
     ("friction() F", "friction() (x > 1. and y < 1. ? F : 0.)", "it writes &&"),
     ("amplitude1(t) t", "amplitude1(t) (t < 1. ? t : t < 2. ? 1. : 0.)", "one ? : in"),
     ("amplitude1(t) t", "amplitude1(t) (t < 1. ? t < 0.5 ? 0. : 1. : 2.)", "in parentheses, as"),
+    # of what does not begin its line no text would be seen
+    ("macro load1() ", "real one = 1.; macro load1() ", "the macro load1 must begin its line"),
+    ("macro load1() ", "NewMacro load1() ", "not by NewMacro"),
+    ('include "export.idp"', 'real one = 1.; include "export.idp"', "include must begin its line"),
     ("2., -10.", "2.*x**2, -10.", "powers are x^2"), ("0.3 //", "3/10 //", "is 0: write 3./10"),
     ("amplitude1(t) t", "amplitude1(t) t^(1/2)", "is 0: write 1./2"),
 ])
