@@ -115,11 +115,15 @@ def judged(past: Past, step, growth: dict, forces: dict, largest, nothing: float
 
 
 def _of_forces(past: Past, forces: dict, largest, rounded: float) -> tuple[float, float]:
-    """Relative change of forces against the cycle before, and what is to come of it."""
+    """Relative change of forces against the cycle before, and what is to come of it.
+
+    After a jump the mean change of the cycles since the one before it.
+    """
     if not past.before:
         return 1.0, 1.0
     size, remaining = largest(*forces.values()), 1.0
-    change = largest(*(forces[name] - past.before[name] for name in forces))
+    cycles = 1 + (past.plan[-1] if past.plan else 0)
+    change = largest(*(forces[name] - past.before[name] for name in forces)) / cycles
     change, last = change / size if size > 0 else 0.0, past.rows[-1]["change"]
     if change <= rounded:
         remaining = change

@@ -117,7 +117,8 @@ CYCLES = (
     Column("settled", "1", "yes, if cycles to come are like it: the same forces, within a "
            "thousandth of the largest, and slips and growths, within a hundredth"),
     Column("change", "1", "largest change of a contact force against the same step of the cycle "
-           "before, over the largest contact force; 1 in the first cycle"),
+           "before, after a jump the mean one of the cycles jumped over and this one, over the "
+           "largest contact force; 1 in the first cycle"),
     Column("remaining", "1", "what cycles to come will change it by, as a geometric series; at "
            "most 1, which also stands where three cycles do not tell"),
     Column("slip", "length", "longest way that a node slides in the cycle"),
