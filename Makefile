@@ -4,7 +4,7 @@ OMP_NUM_THREADS ?= 1
 export OMP_NUM_THREADS
 
 # commands of the driver, see driver/options.py; each scene is a target too
-COMMANDS := run model table effects study accuracy bench hard verify saddle docs
+COMMANDS := run model table effects study accuracy bench hard verify saddle docs figures report
 SCENES := $(basename $(notdir $(wildcard edp/*.edp)))
 DRIVER := $(PYTHON) -m driver
 
@@ -19,7 +19,7 @@ SPREAD := -n auto --maxprocesses 8 --dist loadfile
 UNASKED := missing-function-docstring,missing-class-docstring,unused-argument
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long check mutants figures report $(COMMANDS) $(SCENES)
+.PHONY: help setup demo test test-long check mutants $(COMMANDS) $(SCENES)
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 12
@@ -57,7 +57,3 @@ $(COMMANDS):
 
 $(filter-out $(COMMANDS),$(SCENES)):
 	@$(DRIVER) run SCENE=$@ $(GIVEN)
-
-FINISHED = $(sort $(patsubst %/summary.json,%,$(wildcard results/*/summary.json)))
-figures report:
-	@$(DRIVER) $@ $(or $(OUT),$(FINISHED))

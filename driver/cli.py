@@ -63,19 +63,28 @@ def figures(words: list[str]) -> None:
     """Redraw the figures of finished runs and studies from their files."""
     from .figures.redraw import redraw
 
-    if not words:
-        raise InputError("no finished run to draw; 'make run SCENE=model' leaves one in "
-                         "results/model")
-    for word in words:
-        print(*redraw(Path(word)), sep="\n")
+    for folder in _finished("figures", words):
+        _list(redraw(folder))
 
 
 def report(words: list[str]) -> None:
     """Renew the pages of finished runs and studies from their files."""
-    if not words:
-        raise InputError("no finished run to report on; 'make run SCENE=model' leaves one in "
-                         "results/model")
-    _list([_page(Path(word)) for word in words])
+    _list([_page(folder) for folder in _finished("report", words)])
+
+
+def _finished(command: str, words: list[str]) -> list[Path]:
+    """The directories that `words` name, as OUT=directory or by themselves, or all in results/."""
+    plain = [Path(word) for word in words if "=" not in word]
+    given = options.read(command, parse_pairs([word for word in words if "=" in word]))["out"]
+    if plain or given:
+        return [*plain, *([given] if given else [])]
+    from .figures.redraw import finished
+
+    found = list(finished(options.RESULTS))
+    if not found:
+        raise InputError("results holds no finished run or study; 'make run SCENE=model' leaves "
+                         "one in results/model")
+    return found
 
 
 # ---- studies -------------------------------------------------------------------------------------
@@ -176,6 +185,9 @@ def _list(paths: list[Path]) -> None:
 
 def solve(words: list[str]) -> None:
     """One rank of a stage that several share (started by mpirun): its name, where it works."""
+    if len(words) != 2:
+        raise InputError("solve is what the processes of a run are started with; 'make run "
+                         "SCENE=model' starts a run")
     from mpi4py import MPI
 
     work = Path(words[1])
@@ -219,9 +231,12 @@ EARLY = ("run", "model")  # start FreeFEM before anything that needs NumPy is im
 def main() -> None:
     """Entry point of ``python3 -m driver``; exits with a status that says how it ended."""
     parser = argparse.ArgumentParser(prog="python3 -m driver", description=__doc__.split("\n\n")[0])
-    parser.add_argument("command", choices=ENTRIES)
+    names = ", ".join(name for name in ENTRIES if name != solve.__name__)
+    parser.add_argument("command", help=names)
     parser.add_argument("words", nargs="*", help="NAME=VALUE options, or directories for figures")
     given = parser.parse_args()
+    if given.command not in ENTRIES:
+        parser.error(f"there is no command {given.command}; there are {names}")
     try:
         environment.check_process()
         if given.command not in EARLY:

@@ -130,7 +130,7 @@ RUNS = (
                               ("verify", "verify"),
                               ("saddle", "saddle"))),
     Option("out", path(), None, FRONT, ("figures", "report"),
-           "directory of a finished run or study", "all in results/"),
+           "directory of a finished run or study", "all in results/, however deep"),
     Option("resume", YES_NO, True, FRONT, (*SINGLE, "effects"),
            "go on where an interrupted run of the same command has stopped"),
     Option("adapt", whole("a number of refinement cycles", 0, MOST_CYCLES), 0, FRONT,

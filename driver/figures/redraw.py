@@ -2,6 +2,7 @@
 
 import functools
 import json
+import os
 from pathlib import Path
 
 from ..errors import InputError
@@ -9,6 +10,8 @@ from . import (accuracy, animation, bench, curved, effects, hard, locking, saddl
                table, verify)
 from .gallery import draw_run
 
+SADDLE = "saddle.json"
+REFERENCES = ("reference", "unchanged", "mutants")  # in results/, which are no runs
 TABLES = {  # first column of a study's table: what draws it
     "sweep": functools.partial(accuracy.draw, every=True), "element": locking.draw,
     "sides": curved.draw,
@@ -27,14 +30,32 @@ def redraw(directory: Path) -> list[Path]:
         draw = study.draw if "study" in json.loads(summary.read_text()) else draw_run
         animated = (directory / "figures" / animation.NAME).exists()
         return [*draw(directory), *([animation.draw_animation(directory)] if animated else [])]
-    paths = []
-    for path in sorted(directory.glob("*.csv")):
-        with open(path) as file:
-            first = file.readline().partition(",")[0]
-        if first in TABLES:
-            paths += TABLES[first](path)
-    if (directory / "saddle.json").is_file():
+    paths = [drawn for path, draw in _tables(directory) for drawn in draw(path)]
+    if (directory / SADDLE).is_file():
         paths += saddle.draw(directory)
     if not paths:
         raise InputError(f"{directory} holds no finished run (no summary.json)")
     return paths
+
+
+def finished(place: Path):
+    """The directories beneath `place` that hold a finished run or a study, in order of names.
+
+    What lies in one of them is part of it. Hidden directories are those of runs at work.
+    """
+    for folder, inner, files in os.walk(place):
+        if Path(folder) == Path(place):
+            inner[:] = sorted(set(inner) - set(REFERENCES))
+        if {"summary.json", SADDLE} & set(files) or any(_tables(Path(folder))):
+            inner.clear()
+            yield Path(folder)
+        inner[:] = sorted(name for name in inner if not name.startswith("."))
+
+
+def _tables(directory: Path):
+    """The tables in `directory` that are drawn, and what draws them."""
+    for path in sorted(directory.glob("*.csv")):
+        with open(path, errors="replace") as file:
+            first = file.readline().partition(",")[0]
+        if first in TABLES:
+            yield path, TABLES[first]

@@ -95,6 +95,10 @@ def _chosen(pairs: dict[str, str]):
     """Cases with their sizes and seeds, result directory and number of jobs from the options."""
     given = options.read("hard", pairs)
     fast, families = given["fast"], given["family"] or FAMILIES
+    idle = [name.upper() for name in ("seed", "count") if name in pairs]
+    if idle and random.FAMILY not in families:
+        raise InputError(f"scenes drawn at random have {' and '.join(idle)}: add "
+                         f"FAMILY={random.FAMILY}, or leave out what is not used")
     chosen = [(case, size) for family in families for case in cases(family)
               if given["case"] in case.name and (case.fast or not fast)
               for size in (case.sizes[:1] if fast else case.sizes)]

@@ -63,6 +63,13 @@ class Run:
                                  "driver use the word themselves")
         if given["animate"] and not given["fields"]:
             raise InputError("ANIMATE=yes needs the fields: leave FIELDS=no out")
+        if given["quantity"] and given["errors"] != "yes":
+            raise InputError(f"QUANTITY names what errors are estimated of, which "
+                             f"ERRORS={given['errors']} leaves out: leave one of them out")
+        searched = given["adapt"] or given["accuracy"]
+        if "estimator" in given.settings and given["errors"] == "no" and not searched:
+            raise InputError("ESTIMATOR says how the error in the energy norm is estimated, which "
+                             "ERRORS=no leaves out: leave one of them out")
         if given["accuracy"] and not given.settings.get("cycles", EVERY).isalnum():
             raise InputError("ACCURACY compares runs of the same cycles: give their number, such "
                              "as CYCLES=10")

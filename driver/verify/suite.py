@@ -38,8 +38,9 @@ def run_suite(pairs: dict[str, str]) -> list[Path]:
     chosen = [case for case in cases()
               if given["case"] in case.name and (case.fast or not given["fast"])]
     if not chosen:
-        names = ", ".join(case.name for case in cases())
-        raise InputError(f"no case has '{given['case']}' in its name; there are {names}")
+        names = ", ".join(case.name for case in cases() if case.fast or not given["fast"])
+        fast = " fast" if given["fast"] else ""
+        raise InputError(f"no{fast} case has '{given['case']}' in its name; there are {names}")
     if given["page"] and (given["case"] or given["fast"]):
         raise InputError("PAGE=yes shows all cases: leave out CASE and FAST")
     folder, clock = study_folder(given["out"], "verify"), time.perf_counter()

@@ -7,8 +7,9 @@ from html.parser import HTMLParser
 
 import pytest
 
-from driver import cli
+from driver import cli, options
 from driver.errors import InputError
+from driver.figures import redraw
 from driver.files import write_table
 from driver.report import page
 from driver.report import run as single
@@ -154,7 +155,25 @@ def test_nothing_to_report_on_is_refused(tmp_path, command_here):
         study.write(tmp_path)
     done = command_here("report", str(tmp_path))
     assert done.returncode == 2 and "no finished run" in done.stderr
+    done = command_here("report", "SCENE=model")
+    assert done.returncode == 2 and "make report has no option SCENE; it has OUT" in done.stderr
+
+
+def test_all_that_is_finished_is_found_however_deep(tmp_path, command_here, monkeypatch):
+    """With spaces in names; not what lies in a run or ships, nor the place of a run at work."""
+    monkeypatch.setattr(options, "RESULTS", tmp_path)
     assert command_here("report").returncode == 2
+    run, table = tmp_path / "my runs" / "one", tmp_path / "accuracy" / "block"
+    for folder in (run / "inner", tmp_path / ".two.77", tmp_path / "reference", table):
+        folder.mkdir(parents=True)
+    for folder in (run, run / "inner", tmp_path / ".two.77", tmp_path / "reference"):
+        (folder / "summary.json").write_text("{}")
+    write_table(table / "mine.csv", [{"family": "contact", "status": "solved"}])
+    assert list(redraw.finished(tmp_path)) == [table, run]
+    (run / "summary.json").unlink()
+    (run / "inner" / "summary.json").unlink()
+    done = command_here("report")
+    assert done.returncode == 0 and (table / "report.html").exists(), done.stderr
 
 
 def test_the_command_renews_pages(finished, tmp_path, capsys):

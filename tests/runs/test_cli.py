@@ -85,6 +85,10 @@ def scene(tmp_path_factory):
     (("SCENE=model", "PRECONDITIONER=ilu"), ["PRECONDITIONER", "dirichlet"]),
     (("SCENE=model", "PREDICTOR=best"), ["PREDICTOR", "previous"]),
     (("SCENE=model", "FIELDS=maybe"), ["FIELDS", "yes or no"]),
+    # what would change nothing
+    (("SCENE=model", "QUANTITY=slip", "ERRORS=no"), ["QUANTITY", "ERRORS=no", "leave one"]),
+    (("SCENE=model", "QUANTITY=slip", "ERRORS=energy"), ["QUANTITY", "ERRORS=energy"]),
+    (("SCENE=model", "ESTIMATOR=none", "ERRORS=no"), ["ESTIMATOR", "ERRORS=no"]),
     (("SCENE=model", "RTOL"), ["NAME=VALUE"]),
     (("SCENE=model", "=3"), ["NAME=VALUE"]),
     (("SCENE=model", "RTOL="), ["RTOL= has no value"]),
@@ -100,6 +104,18 @@ def test_mistyped_words(command_here, tmp_path, words, expected):
 def test_unknown_command(command):
     done = command("rnu", "SCENE=model")
     assert done.returncode == 2 and "Traceback" not in done.stderr
+    assert "there is no command rnu; there are run, model" in done.stderr
+    assert "solve" not in done.stderr
+
+
+def test_ranks_are_not_started_by_hand(command):
+    done = command("solve")
+    assert done.returncode == 2
+    one_line(done, "solve is what the processes of a run are started with")
+
+
+def test_seeds_of_no_random_scenes_are_refused(command_here):
+    one_line(command_here("hard", "FAMILY=scale", "SEED=3"), "have SEED", "FAMILY=random")
 
 
 def test_no_scene_lists_the_scenes(command_here):

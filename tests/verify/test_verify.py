@@ -225,5 +225,7 @@ def test_slip_and_dissipation_of_the_zones_have_their_orders(tmp_path):
 
 
 def test_the_page_takes_all_cases(tmp_path):
+    with pytest.raises(InputError, match="no fast case has 'hertz' in its name"):
+        suite.run_suite({"fast": "yes", "case": "hertz"})
     with pytest.raises(InputError, match="PAGE=yes shows all cases"):
         suite.run_suite({"out": str(tmp_path), "case": "hertz", "page": "yes"})
