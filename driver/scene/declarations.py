@@ -253,9 +253,9 @@ def _evaluate(room: Room) -> list[str]:
     declaring = [line for macro in _declaring(room)
                  for line in _if(macro, f'evaluating("{macro}")')]
     lines = [*declaring, *_if(own, f"{own}({column})"), *_if(f"!{own}", common),
-             f'refuseInfinite("{room.column}", {column})']
+             f'refuseInfinite("{_declaring(room)[0]}", {column})']
     if room.nonnegative:
-        lines.append(f'refuseNegative("{room.column}", {column})')
+        lines.append(f'refuseNegative("{_declaring(room)[0]}", {column})')
     return _if(_room(room), *lines)
 
 

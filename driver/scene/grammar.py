@@ -59,6 +59,7 @@ class Definition(NamedTuple):
     arguments: str | None
     content: str
     ended: bool
+    goes_on: str = ""  # the operator with which the line after it begins, if it does
 
 
 def read(path: Path) -> str:
@@ -112,8 +113,9 @@ def definitions(source: Source) -> list[Definition]:
             more, end, _ = source.lines[number].partition("//")
             content += f"\n{more}"
             number += 1
+        after = re.match(r"\s*([-+*/])(?![-+*/])", "".join(source.lines[number : number + 1]))
         found.append(Definition(source.path, start + 1, head[1], head[2], content.strip(),
-                                bool(end)))
+                                bool(end), after[1] if after else ""))
     return found
 
 
@@ -245,6 +247,9 @@ def _fault(definition: Definition) -> str:
     name, content = definition.name, definition.content
     if not definition.ended:
         return f"the macro {name} does not end: a macro ends with //"
+    if definition.goes_on:
+        return (f"the macro {name} ends with // in its line, and the next one begins with "
+                f"{definition.goes_on}: comments stand above a macro of several lines, not in it")
     macro = next((macro for macro in rooms.all_macros() if name in macro.names), None)
     if macro is None or macro.arguments is None:
         return ""
@@ -353,8 +358,12 @@ def place(scene: Path, pattern: str, which: int = 0) -> str:
 
 
 def uses(scene: Path, name: str, which: int = 0, default: str | None = None) -> str:
-    """A line where a name is used."""
+    """A line where a name is used, outside of macros that have an argument of this name."""
     found = places(scene, rf"\b{name}\b")
+    own = {f"{source.path.name} line {macro.line + k}" for source in sources(scene)
+           for macro in definitions(source) if re.search(rf"\b{name}\b", macro.arguments or "")
+           for k in range(1 + macro.content.count("\n"))}
+    found = [line for line in found if line not in own] or found
     if not found:
         return scene.name if default is None else default
     return found[min(which, len(found) - 1)]

@@ -78,7 +78,7 @@ def test_stiff_asperities_are_smooth_contact(solved):
 
 
 def test_misuse_is_refused_in_one_line(solved, scene):
-    assert "normal_compliance is negative" in solved(scene(BLOCK), cells=2, asperities=-1).reason
+    assert "normalCompliance is negative" in solved(scene(BLOCK), cells=2, asperities=-1).reason
     alone = BLOCK.replace("macro contact() 1 //\n", "").replace("macro gap() 0.01 //\n", "")
     run = solved(scene(alone.replace("macro friction() 0.2 //\n", "")), cells=2)
     assert run.status == 2 and "normalCompliance is declared without contact" in run.reason
