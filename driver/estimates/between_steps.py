@@ -24,6 +24,7 @@ class Departure:
     step: int
     time: float
     kinks: np.ndarray  # times
+    follows: int = 0  # how many times the steps halve the departure; 0: none that samples tell
 
 
 def departures(manifest, stride: int = 1) -> list[Departure]:
@@ -34,14 +35,20 @@ def departures(manifest, stride: int = 1) -> list[Departure]:
         fine, steps = np.array(history), manifest.steps
         per_step = (len(fine) - 1) // steps
         times = np.linspace(0.0, manifest.t_end, len(fine))
-        ends = np.unique(np.r_[0, np.arange(len(fine) - 1, -1, -per_step * stride)])
-        straight = np.interp(times, times[ends], fine[ends])
-        away, largest = np.abs(fine - straight), np.abs(fine).max()
+        away, largest = _away(times, fine, per_step * stride), np.abs(fine).max()
         k = int(away.argmax())
         if largest > 0 and away[k] > NOTICEABLE * largest:
+            follows = next((n for n in range(2, per_step) if per_step % n == 0 and _away(
+                times, fine, per_step // n).max() <= away[k] / 2), 0)
             found.append(Departure(number, float(away[k] / largest), k // per_step + 1,
-                                   float(times[k]), _kinks(times, fine)))
+                                   float(times[k]), _kinks(times, fine), follows))
     return found
+
+
+def _away(times: np.ndarray, fine: np.ndarray, every: int) -> np.ndarray:
+    """Distances of a history from the lines through `every` so many-th value of it."""
+    ends = np.unique(np.r_[0, np.arange(len(fine) - 1, -1, -every)])
+    return np.abs(fine - np.interp(times, times[ends], fine[ends]))
 
 
 def _kinks(times: np.ndarray, fine: np.ndarray) -> np.ndarray:
@@ -88,7 +95,10 @@ def warnings(manifest, motion=None) -> list[str]:
              if size > NOTICEABLE]
     for d in departures(manifest):
         better = steps_at(d.kinks, manifest.steps, manifest.t_end)
-        remedy = f"STEPS={2 * manifest.steps} follows it better"
+        remedy = ("no number of equal steps that was looked at does better: a jump needs a ramp, a "
+                  "pulse stepTimes")
+        if d.follows:
+            remedy = f"STEPS={d.follows * manifest.steps} follows it better"
         if better is not None and better > manifest.steps:
             remedy = f"STEPS={better} has a step end at every kink"
         lines.append(f"amplitude {d.amplitude} departs by {100 * d.size:.0f} % of its largest "

@@ -107,7 +107,7 @@ def no_state(body: Assembled, manifest, weights: np.ndarray, u_t: np.ndarray,
             return True, (f"mixed-integer program: no states solve it by forces and ways of up to "
                           f"{MOST:g} times the loads'")
         return True, f"dense complementarity: {STARTS} random states lead to no solution"
-    return True, "search of states: none of the nodes' solves it"
+    return True, "search of states: no states of the nodes solve it"
 
 
 def _slip_limits(body: Assembled, manifest, before, unit, ways) -> SlipLimits | None:

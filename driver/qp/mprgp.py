@@ -108,7 +108,7 @@ class _Mprgp:
     def product(self, v):
         """A v, counted; refuses when the limit is reached (the state is consistent then)."""
         if self.products >= self.max_products:
-            raise _Stop("iteration limit", f"{self.products} products of A used")
+            raise _Stop("iteration limit", f"products used: {self.products}, all of MAX_PRODUCTS")
         self.products += 1
         return self.A(v)
 
@@ -359,7 +359,7 @@ class _Mprgp:
         elif self.products - self.best_at >= self.window:
             size = np.sqrt(self.dot(self.x, self.x)) * self.gradient_rounding(self.x)
             if self.decrease <= GRADIENT_ROUNDINGS * size:
-                raise _Stop("stagnated", f"no progress in {self.window} products of A")
+                raise _Stop("stagnated", f"no progress in {self.window} products")
             self.best_at, self.decrease = self.products, 0.0
 
     def iterate(self):

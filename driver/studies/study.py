@@ -103,6 +103,8 @@ def _studied(pairs: dict[str, str]) -> tuple[str, list[str]]:
         except ValueError:
             raise InputError(
                 f"{name.upper()}={pairs[name]} is not of the form first:last:count") from None
+        if len(values) < 2:
+            raise InputError(f"{name.upper()}={pairs[name]}: the count, {count}, must be 2 or more")
     if not values or not all(values) or len(set(values)) < len(values):
         raise InputError(f"{name.upper()}={pairs[name]} lacks a value or gives one twice")
     return name, values

@@ -34,6 +34,19 @@ def test_what_steps_miss_is_named_with_steps_that_do_not(history, steps, step, b
     assert not between_steps.warnings(manifest(history, better))
 
 
+@pytest.mark.parametrize("history, steps, offered", [
+    (lambda t: np.sin(40 * np.pi * t), 20, 80),  # of which 40 steps see zeros alone, too
+    (lambda t: 0.0 if t < 0.5 else 1.0, 20, 0), (lambda t: t * t, 2, 4)])
+def test_steps_that_are_said_to_follow_better_halve_what_is_missed(history, steps, offered):
+    """A jump stays in one step, however short that is."""
+    line, = between_steps.warnings(manifest(history, steps))
+    assert (f"STEPS={offered} follows it better" in line) == bool(offered)
+    assert ("a jump needs a ramp, a pulse stepTimes" in line) == (not offered)
+    missed = [found.size for n in (steps, offered) if n
+              for found in between_steps.departures(manifest(history, n))]
+    assert not offered or sum(missed[1:]) <= missed[0] / 2
+
+
 @pytest.mark.parametrize("sampling, between", [(1, 16), (4, 4), (32, 0)])
 def test_a_history_is_looked_at_so_often_in_a_step_of_the_scene(exported, sampling, between):
     """By runs of a finer history as well: what they see themselves is not written once more."""
