@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from .. import environment, files, options
-from ..errors import PARTIAL, error_of
+from ..errors import PARTIAL, InputError, error_of
 from ..runs import guard
 from ..scene import freefem
 from ..scene.manifest import QUASISTATIC, Manifest
@@ -144,7 +144,11 @@ def run_effects(pairs: dict[str, str]) -> list[Path]:
     done = []
     with tempfile.TemporaryDirectory(prefix=f".{scene.stem}.", dir=out) as folder:
         manifest = freefem.export(scene, Path(folder) / "export", given.parameters)
-        for name, without in {"": "", **variants(manifest)}.items():
+        left_out = variants(manifest)
+        if not left_out:
+            raise InputError(f"{scene.name} declares no effect that could be left out: a single "
+                             "load on a body, without contact or time")
+        for name, without in {"": "", **left_out}.items():
             variant = run_variant(name, without, scene, pairs, Path(folder))
             if variant.status == 2 and without.startswith("amplitude"):
                 continue  # the scene does not declare that history

@@ -376,6 +376,7 @@ def test_what_a_parameter_changes(variant, text, changed):
     ("SCENE=model FRICTION=0.3", "exactly one parameter"),
     ("SCENE=model FRICTION=0.3,0.4 STEPS=2,3", "exactly one parameter"),
     ("SCENE=model FRICTION=0.3:0.4", "first:last:count"),
+    ("SCENE=model FRICTION=0.3:0.4:0", "the count, 0, must be 2 or more"),
     ("SCENE=model FRICTION=0.3,0.3", "gives one twice"),
     ("SCENE=model CELLS=5,10", "reads no parameter CELLS"),
     ("SCENE=thermal POISSON=0.2,0.3", "also changes poisson"),
