@@ -395,7 +395,7 @@ def test_study_refuses(tmp_path, command):
                     'macro support() on(1, u1 = 0., u2 = 0.) //\n'
                     'macro load1() pressure(3, 1.) //\ninclude "export.idp"\n')
     with pytest.raises(InputError, match="declares no effect that could be left out"):
-        effects.run_effects({"scene": str(bare), "out": str(tmp_path)})
+        effects.run_effects({"scene": str(bare), "out": str(tmp_path.parent / "bare")})
     done = command("effects", "SCENE=model", "STEPZ=3", f"OUT={tmp_path}")
     assert done.returncode == 2 and "Traceback" not in done.stderr
     assert "stepz" in done.stderr.lower()
