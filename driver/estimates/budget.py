@@ -283,15 +283,19 @@ def share(error: float | None, value: float) -> str:
     return f"{percent:.{max(0, min(3, 1 - int(np.floor(np.log10(percent)))))}f} %"
 
 
-def describe(errors: dict, units: dict) -> list[str]:
-    """The budget as lines of a table, then the error in the energy norm."""
+def describe(errors: dict, units: dict, time: float | None = None) -> list[str]:
+    """The budget as lines of a table, then the error in the energy norm.
+
+    `time`: that of the values, if it is not the end of the history.
+    """
     budget, energy = errors.get("quantities"), describe_energy(errors.get("energy", {}))
     if not budget:
         return energy
     sources = [source for source in SOURCES if any(source in entry for entry in budget.values())]
     heads = {name: f"{name.replace('_', ' ')} [{unit(name, units)}]" for name in budget}
-    width = max(map(len, heads.values()))
-    lines = [f"{'estimated errors':{width}s}{'value':>12s}"
+    title = "estimated errors" if time is None else f"estimated errors at time {time:.4g}"
+    width = max(map(len, (title, *heads.values())))
+    lines = [f"{title:{width}s}{'value':>12s}"
              + "".join(f"{s:>11s}" for s in (*sources, "total"))]
     zero = vanishing({name: entry["value"] for name, entry in budget.items()},
                      {name: entry["total"] for name, entry in budget.items()})

@@ -33,7 +33,7 @@ from .slip import SlipState
 from .step import History, Load, Step, StepFailed, Trace, Unfinished
 from .supported import RigidSurfaces, SupportedBodies
 from .tightening import Tightening
-from .uniqueness import CHANGING, Uniqueness, too_many, worthwhile
+from .uniqueness import CHANGING, YIELDING, Uniqueness, too_many, worthwhile
 
 SETTLINGS = 5  # of bodies without support, whose multipliers follow, in a step
 
@@ -325,8 +325,8 @@ class QuasistaticSolver:
         if not search.frictional or search.failure or (
                 not worthwhile(choice, count, self.largest_friction, self.doubtful)):
             return
-        changes = self.effects.coefficient_changes or self.effects.closes
-        search.failure = CHANGING if changes else too_many(count)
+        search.failure = (CHANGING if self.effects.coefficient_changes else
+                          YIELDING if self.effects.closes else too_many(count))
         if search.failure or not len(nodes):
             return
         clock = time.perf_counter()

@@ -139,6 +139,8 @@ def _refine(run: Run, place: Workspace) -> list[Path]:
         request = Request.of(run, fields=False, errors="energy", refine=True,
                              settings=refinement.coarse(run.settings))
         status, reason = _cycle(run, place, work, cycles, request)
+        if status == InputError.exit_status:
+            shutil.rmtree(work)  # refused: the same command would be once more
         if status:
             raise error_of(status, f"refinement cycle {number}: {reason}")
         cycles.append(work)

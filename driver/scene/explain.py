@@ -15,6 +15,7 @@ from . import declarations, grammar, rooms, script
 COMPILE_ERROR = re.compile(r"Error line number\s*(\d+), in file\s+(macro: \w+ in )?(\S+?), "
                            r"before\s+token\s*(.*)")
 REFUSED = "scene error: "  # before what the library refuses
+SILENT = "current line|^ConnectedComponents "  # output that says nothing of what is wrong
 EVALUATING = re.compile(rf"^{declarations.EVALUATING}(.*)$", re.MULTILINE)
 MISTAKES = tuple((re.compile(start), words) for start, words in (
     ("syntax error", "syntax error"),
@@ -361,7 +362,7 @@ def _execution(output: str, status: int, scene: Path, retrace) -> str:
                               11: "a mesh that is far too fine (H, CELLS, SUBDOMAINS) or has "
                                   "vertices that no triangle uses, or values that are no numbers"
                               }.get(killed, "")
-    said = said or next((line for line in lines if "current line" not in line), "no message")
+    said = said or next((line for line in lines if not re.search(SILENT, line)), "no message")
     reason = f"{meaning} ({said})" if meaning else said
     traced = [] if killed in (2, 9, 15) else EVALUATING.findall(retrace())
     bodies, now = traced.count("addBody"), traced[-1] if traced else ""

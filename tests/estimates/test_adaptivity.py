@@ -327,6 +327,21 @@ def test_error_falls_faster_than_on_uniform_meshes(solved):
     assert run.summary["quantities"]["displacement"] > 0.995 * fine
 
 
+def test_a_refusal_to_refine_leaves_nothing_to_go_on_from(command_here, named_scene, tmp_path):
+    """Under a point load the same command would be refused again."""
+    scene = named_scene("pushed", """include "scene.idp"
+body = square(4, 4);
+bodyMaterial("a", 1., 0.3);
+macro support() on(1, u1 = 0., u2 = 0.) //
+macro pointLoad1() [0.5, 1., 0., -1.] //
+include "export.idp"
+""")
+    done = command_here("run", f"SCENE={scene}", "ADAPT=1", "QUIET=yes", "FIGURES=no",
+                        f"OUT={tmp_path / 'out'}")
+    assert done.returncode == 2 and "ADAPT has no error to refine by" in done.stderr
+    assert "goes on" not in done.stderr and not list(tmp_path.iterdir())
+
+
 @pytest.mark.slow
 def test_options_of_adaptation(solved):
     assert "ADAPT expects" in solved("punch", adapt="x").reason

@@ -12,6 +12,7 @@ from driver.estimates.budget import Part
 from driver.estimates.companions import Companions
 from driver.estimates.levels import Levels
 from driver.options import Settings
+from driver.runs import outcome
 
 UNITS = {"length": "mm", "stress": "MPa"}
 
@@ -41,6 +42,15 @@ def test_the_budget_is_a_table():
     assert rest == ["take more", "a note", "no error in the energy norm: a point load"]
     assert len({len(line) for line in (head, force)}) == 1
     assert budget.describe({"energy": {}}, UNITS) == []
+    head, force, *_ = budget.describe(errors, UNITS, 0.5)
+    assert "estimated errors at time 0.5 " in head and len(head) == len(force)
+
+
+@pytest.mark.parametrize("time, end, said", [
+    (1.0, 2.0, 1.0), (2.0, 2.0, None), (None, 2.0, None), (2.0 - 1e-15, 2.0, None)])
+def test_the_time_of_the_quantities_is_said_where_it_is_not_the_end(time, end, said):
+    summary = {"t_end": end} | ({} if time is None else {"quantities_time": time})
+    assert outcome._earlier(summary) == said
 
 
 def test_the_error_in_the_energy_norm_in_words():

@@ -571,6 +571,13 @@ def test_a_line_of_the_library_is_none_of_the_scene(tmp_path, number, where):
     assert message.startswith(f"FreeFEM failed in {where}(exit 5)")
 
 
+def test_what_a_plugin_prints_when_it_is_loaded_is_no_reason(tmp_path):
+    path = tmp_path / "mine.edp"
+    path.write_text("exit(3);\n")
+    printed = "ConnectedComponents n_name_param2\ncurrent line = 1\n"
+    assert explain.failure(printed, 3, path, tmp_path, lambda: "").endswith("(exit 3): no message")
+
+
 # ---- gmsh ----------------------------------------------------------------------------------------
 
 GEO = """DefineConstant[ h = {1}, length = {2} ];
