@@ -27,14 +27,14 @@ def draw(directory: Path) -> list[Path]:
 
 
 def _fill(figure: Figure, summary: dict, table: dict) -> None:
-    name = summary["study"]
-    numbers = table[name].dtype.kind == "f"  # nothing lies between words
+    name, values = summary["study"], next(iter(table.values()))
+    numbers = values.dtype.kind == "f"  # nothing lies between words
 
     def plot(axes, what: str, unit: str, curves: dict) -> None:
-        scale = scale_for(unit, np.concatenate([values for values, _ in curves.values()]))
-        for label, (values, colour) in curves.items():
-            axes.plot(table[name], values * scale.factor, color=colour, ls="-" if numbers else "",
-                      marker="" if numbers and len(values) > 20 else "o", label=label)
+        scale = scale_for(unit, np.concatenate([curve for curve, _ in curves.values()]))
+        for label, (curve, colour) in curves.items():
+            axes.plot(values, curve * scale.factor, color=colour, ls="-" if numbers else "",
+                      marker="" if numbers and len(curve) > 20 else "o", label=label)
         axes.set_ylabel(f"{what} [{scale.label}]" if unit else what)
         axes.margins(x=0.05 if numbers else 0.3)
 

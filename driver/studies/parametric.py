@@ -376,9 +376,20 @@ def _quantities(contact, shares: np.ndarray, fields: dict) -> dict:
 
 def _write(directory: Path, request: Request, contact, outcomes: list[Outcome],
            summary: dict) -> None:
-    """study.csv, history.csv, contact.csv and summary.json."""
-    name, values = request.study, request.values
+    """study.csv, history.csv, contact.csv and summary.json.
+
+    Values stand in the first column of tables, which has the parameter's name, with _value where
+    another column has that.
+    """
+    values = request.values
     full = next((outcome.row for outcome in outcomes if outcome.history), outcomes[0].row)
+    worn = [WEAR] if WEAR in outcomes[0].fields else []
+    nodal = ["node", "boundary", "x", "y", "arc", "weight", *FIELDS,
+             *("worn_depth" for _ in worn), "status"]
+    taken = {*nodal, *full, *(key for outcome in outcomes for row in outcome.history
+                              for key in row)}
+    taken.discard("steps")  # of each run, which are its value where steps are studied
+    name = f"{request.study}_value" if request.study in taken else request.study
     write_table(directory / "study.csv", [{name: value} | dict.fromkeys(full, "") | outcome.row
                                           for value, outcome in zip(values, outcomes)])
     steps = [{name: value, **row} for value, outcome in zip(values, outcomes)
@@ -386,14 +397,11 @@ def _write(directory: Path, request: Request, contact, outcomes: list[Outcome],
     if steps:
         write_table(directory / "history.csv", steps)
     place = [contact.label, *contact.xy.T, contact.arc, contact.weight]
-    worn = [WEAR] if WEAR in outcomes[0].fields else []
     rows = [row for value, outcome in zip(values, outcomes) if outcome.fields
             for row in zip(itertools.repeat(value), itertools.count(),
                            *(part.tolist() for part in place),
                            *(outcome.fields[field].tolist() for field in (*FIELDS, *worn)),
                            map(STATUS_NAMES.__getitem__, outcome.fields["status"]))]
     if rows:
-        write_rows(directory / "contact.csv",
-                   [name, "node", "boundary", "x", "y", "arc", "weight", *FIELDS,
-                    *("worn_depth" for _ in worn), "status"], rows)
+        write_rows(directory / "contact.csv", [name, *nodal], rows)
     write_json(directory / "summary.json", summary)

@@ -465,3 +465,16 @@ def test_loads_of_bodies_are_made_with_their_own_materials(made, solved, named_s
     path = str(named_scene("heated", HEATED))
     _, files = made(scene=path, heat="1e-3,2e-3")
     compare(files["contact"], solved(path, heat="2e-3", **TIGHT), heat="2e-3")
+
+
+def test_a_parameter_may_have_the_name_of_a_column(made, named_scene, tmp_path):
+    """Values have a column of their own, in tables and in the picture."""
+    text = freefem.find_scene("bar").read_text()
+    path = str(named_scene("slips", text.replace('physical("pull"', 'physical("slip"')))
+    summary, files = made(scene=path, slip="100,200", cells="2", figures="yes")
+    assert summary["study"] == "slip"
+    for rows in files.values():
+        assert [*rows[0]][0] == "slip_value" and {row["slip_value"] for row in rows} == {"100",
+                                                                                         "200"}
+    assert {float(row["slip"]) for row in files["contact"]} == {0.0}
+    assert (tmp_path / "study" / "figures" / "study.png").exists()
