@@ -10,6 +10,7 @@ SHAPED = {"obstacle", "obstacle_motion", "large_sliding", "bilateral"}  # else i
 SMOOTH, ROUND = np.cos(np.radians((20, 30)))  # normals of neighbours, and of a label's ends
 DIAMOND = 1e12  # Pa: twice its shear modulus
 COARSE = 0.01  # RTOL beyond which forces are guesses; FRICTION_RTOL: ten times that
+SLIDES = 1e-6  # part of the largest movement along the boundary that is one
 OVERLAP, FACETS = 1e-3, 0.05  # of the boundary's size, of a dual segment: what facets may overlap
 
 
@@ -34,6 +35,29 @@ def warnings(boundary: ContactBoundary, declared, displacements: list[float],
             said.append(f"{name.upper()}={getattr(settings, name):g} is so coarse that forces and "
                         f"zones are guesses; {limit:g} is the most that makes sense")
     return said
+
+
+def without_friction(record, times: list[float]) -> list[str]:
+    """A sentence if contact nodes slide that a support holds along the boundary: what holds them
+    takes any friction, which no contact force is computed for. `times` are those of the steps.
+    """
+    contact, b = record.operator.structure.contact, record.contact.boundary
+    rubs = record.contact.law.friction_bound(np.ones(len(b.gid))) > 0
+    rubs = rubs | (b.columns.get("wear", np.zeros(len(b.gid))) > 0)
+    held = rubs & (contact.tangential_row[: len(b.gid)] < 0)
+    if not record.effects.frictional or not held.any():
+        return []
+    pressed = np.array(record.states["sigma_n"]) < 0
+    way = [b.way(0.0, time) + np.zeros(len(held)) for time in times]
+    moved = np.diff(np.array(record.states["u_t"]) - way, axis=0, prepend=0.0)
+    sliding = held & (np.abs(moved) * pressed > SLIDES * np.abs(moved).max(initial=0.0)).any(axis=0)
+    if not sliding.any():
+        return []
+    x, y = b.xy[sliding][0]
+    return [f"{np.count_nonzero(sliding)} contact nodes, the first at ({x:.3g}, {y:.3g}), slide "
+            "though a support or prescribed displacement holds them along the boundary: it takes "
+            "their friction, which is no contact force then, and they do not wear; let it end "
+            "before the contact label"]
 
 
 def _moulds(b: ContactBoundary) -> list[str]:

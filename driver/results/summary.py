@@ -203,7 +203,9 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
     warnings = [*history.warnings, *history.fallbacks.warnings(), *solver.uniqueness.warnings(),
                 *omissions.warnings(structure.contact.start.declared, problem.effects.rooms,
                                     writer.record.displacements, settings, _softest(problem),
-                                manifest.units)]
+                                    manifest.units),
+                *omissions.without_friction(writer.record,
+                                            [row["time"] for row in writer.history_rows])]
     if optional.get("validity") and optional["validity"]["verdict"] != "ok":
         doubt = optional["validity"]
         warnings.append(f"results are {doubt['verdict']}: {doubt['reason']}")

@@ -144,3 +144,30 @@ def test_rounding_beside_large_values_is_shown_as_zero():
            "force_y": 0.0, "step": 3, "time": 1.0}
     cleaned, = screen.without_noise([row], tables.PROBES)
     assert cleaned == row | {"x": 0.0, "u_y": 0.0}
+
+
+HELD = """include "scene.idp"
+body = square(8, 4, [4.*x, 2.*y]);
+bodyMaterial("a", 1000., 0.3);
+quasistatic(1.);
+macro load1() pressure(3, 5.) //
+macro contact() 1 //
+DECLARED
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("declared, held", [
+    # both ends of the label, by prescribed displacements or while the floor moves
+    ("macro displacement2() on(2, u1 = 0.01) + on(4, u1 = 0.01) //\nmacro friction() 0.3 //", 2),
+    ("macro support() on(4, u1 = 0.) //\nmacro obstacleX(t) t //\nmacro friction() 0. //\n"
+     "macro wear() 1e-4 //", 1),
+    # what does not slide, or has nothing to rub with
+    ("macro support() on(2, u1 = 0.) + on(4, u1 = 0.) //\nmacro friction() 0.3 //", 0),
+    ("macro support() on(4, u1 = 0.) //\nmacro obstacleX(t) t //\nmacro friction() 0. //", 0),
+    ("macro support() on(3, u1 = 0.) //\nmacro obstacleX(t) t //\nmacro friction() 0.3 //", 0)])
+def test_nodes_that_are_held_and_slide_are_named(solved, named_scene, declared, held):
+    run = solved(named_scene("held", HELD.replace("DECLARED", declared)), steps=2, subdomains=3)
+    assert run.status == 0, run.reason
+    said = [line for line in run.summary["warnings"] if "holds them along the boundary" in line]
+    assert len(said) == bool(held) and all(line.startswith(f"{held} contact") for line in said)
