@@ -1,10 +1,14 @@
 """``python3 -m driver``"""
 
+import os
 import sys
 
 from . import environment
 from .errors import defect, report_error, shortage
 
+for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+    if getattr(sys, name) is None:  # closed: a pipe to a rank would take its number
+        setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode))
 environment.prepare_libraries()  # before anything loads the library that reads it
 try:
     environment.heed_interrupts()

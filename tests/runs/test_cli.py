@@ -108,6 +108,15 @@ def test_unknown_command(command):
     assert "solve" not in done.stderr
 
 
+@pytest.mark.parametrize("closed, ranks", [("2>&-", 2), (">&- 2>&- <&-", 1)])
+def test_closed_streams_are_no_mistake(tmp_path, closed, ranks):
+    """Files and pipes of ranks would take their numbers."""
+    words = f"run SCENE=model {' '.join(FAST)} NP={ranks} OUT={tmp_path / 'out'} {closed}"
+    done = subprocess.run(f"{sys.executable} -m driver {words}", shell=True, timeout=60,
+                          cwd=environment.ROOT, env=dict(os.environ), check=False)
+    assert done.returncode == 0 and (tmp_path / "out" / "summary.json").exists()
+
+
 def test_ranks_are_not_started_by_hand(command):
     done = command("solve")
     assert done.returncode == 2
