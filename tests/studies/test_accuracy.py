@@ -155,6 +155,7 @@ def test_study_of_a_known_solution(swept):
     ({"part": "moon"}, "PART must be one of"),
     ({"scene": "zones", "rows": "1"}, "PART=sweeps does not read ROWS"),
     ({"scene": "zones", "frictoin": "1"}, "FRICTOIN"),
+    ({"scene": "bar", "quantity": "slip"}, "the scene has no such quantity; it has peak_pressure"),
 ])
 def test_mistakes_are_reported_in_one_line(tmp_path, pairs, reason):
     with pytest.raises(InputError) as problem:

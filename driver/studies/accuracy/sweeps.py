@@ -169,6 +169,9 @@ class Study:
             self.run(trial)
             if trial.reason:
                 raise InputError(f"the reference run {trial.label} failed: {trial.reason}")
+            if quantity and quantity not in trial.values:
+                raise InputError(f"QUANTITY={quantity}: the scene has no such quantity; it has "
+                                 f"{', '.join(trial.values)}")
             _report(trial, "", number, total, clock)
         closed_form = None
         if self.scene.parent == freefem.SCENES:
