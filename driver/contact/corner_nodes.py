@@ -63,7 +63,7 @@ DEPENDENT = 1e-8  # determinant of two forces of about unit length that are one
 
 
 class Acting(IntEnum):
-    """Which of the two nodes of a corner act."""
+    """Which of the two nodes of a corner act; plain numbers below, see qp/equations.py."""
 
     BOTH = 0
     FIRST = 1
@@ -74,7 +74,6 @@ class Acting(IntEnum):
     SECOND_RUBS = 6
 
 
-# plain numbers, see equations.py
 BOTH, FIRST, SECOND, STANDING, NEITHER, FIRST_RUBS, SECOND_RUBS = (int(state) for state in Acting)
 RUBS = FIRST_RUBS, SECOND_RUBS
 # by state: whether the normal, the tangential row of the (first, second) node is excluded

@@ -28,8 +28,8 @@ SMALL = 64  # contact nodes up to which a doubtful step is examined without bein
 DOUBTFUL_FRICTION = np.sqrt(3) / 2
 CHANGING = ("friction changes with slip or displacement, and with it the problem that other "
             "solutions would have to solve")
-YIELDING = ("surfaces yield or wear under the pressure, and with them the problem changes that other "
-            "solutions would have to solve")
+YIELDING = ("surfaces yield or wear under the pressure, and with them the problem changes that "
+            "other solutions would have to solve")
 
 
 def worthwhile(choice: str, nodes: int, friction: float, doubtful: bool) -> bool:

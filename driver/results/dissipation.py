@@ -95,6 +95,21 @@ class Dissipation:
         return np.where(falls, parts, UNKNOWN)
 
 
+def of_run(solver, law, boundary) -> Dissipation:
+    """The work of a `solver`'s run at the nodes of a contact `boundary` with a `law`; collective.
+
+    What acts at time 0 are loads that are not zero, and travel of whole bodies.
+    """
+    operator, motion = solver.operator, boundary.motion
+    units = np.eye(operator.structure.patterns, operator.structure.patterns + operator.modes)
+    acts = [bool(operator.elastic_response(unit).any() or operator.rigid_response(unit).any())
+            for unit in units]
+    acts = np.any(operator.comm.allgather(acts), axis=0)
+    moves = motion is not None and not motion.rests(*solver.times[:2])
+    return Dissipation(boundary.weight, boundary.gap, start(
+        solver.effects, law, boundary.weight, solver.amplitudes[:, acts], moves))
+
+
 def start(effects, law, weight: np.ndarray, amplitudes: np.ndarray,
           moves: bool = False) -> np.ndarray | None:
     """(n,) friction bounds at time 0 as `Dissipation` takes them, of a run with `effects`.

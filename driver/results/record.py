@@ -6,8 +6,8 @@ from ..contact.states import ContactField
 from ..feti.operator import DualOperator
 from ..march.quasistatic import QuasistaticSolver
 from ..march.step import Step
+from . import dissipation
 from .contact_state import WEAR, ContactState, less_wear
-from .dissipation import Dissipation, start
 from .quantities import REPEATS, farthest_node, peak_nodes, quantities, singular_places
 from .shares import label_shares
 from .touch import Touch
@@ -38,10 +38,7 @@ class Record:
         b = self.contact.boundary
         self.dissipation = None
         if self.effects.frictional:
-            moves = b.motion is not None and not b.motion.rests(*solver.times[:2])
-            bound = start(self.effects, self.contact.law, b.weight,
-                          solver.amplitudes[:, self._acting()], moves)
-            self.dissipation = Dissipation(b.weight, b.gap, bound)
+            self.dissipation = dissipation.of_run(solver, self.contact.law, b)
 
     def add(self, step: Step) -> tuple[list[np.ndarray], dict[str, np.ndarray]]:
         """Displacements (dofs,) of the rank's subdomains, less travel, and the contact state."""
@@ -67,15 +64,6 @@ class Record:
         self.displacements.append(largest[0])
         self.unplaced.append(largest[1])
         return fields, state
-
-    def _acting(self) -> np.ndarray:
-        """(patterns,) which loads are not zero everywhere."""
-        structure = self.operator.structure
-        acts = np.zeros(structure.patterns, bool)
-        acts[[*structure.travel.patterns]] = True
-        for sub in structure.subdomains:
-            acts |= np.any(sub.loads, axis=1)
-        return np.any(self.operator.comm.allgather(acts), axis=0)
 
     def _without_place(self) -> np.ndarray:
         """(1 + nodes of the rank's subdomains,) of which none is placed; the first is no node."""

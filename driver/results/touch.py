@@ -91,10 +91,11 @@ def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
     Beside a clamped node contact may be lost between it and a closed one, over half of the edge.
     Where contact ends between two nodes the place is known to a part of the edge, and where
     pressure falls steeply towards an end of the boundary contact may end before it, by as much as
-    `_before_ends` says where it would be zero there but for the end node. The largest slip may be elsewhere by as much as it differs from that of the next nodes that have touched.
-    All but the first where FEW nodes are in contact; where there are more by less in proportion: of
-    slip where more have slid, as it is zero wherever all stick. The largest pressure by how far it
-    stands out from its neighbours, see `_standing_out`.
+    `_before_ends` says where it would be zero there but for the end node. The largest slip may be
+    elsewhere by as much as it differs from that of the next nodes that have touched. All but the
+    first where FEW nodes are in contact; where there are more by less in proportion: of slip where
+    more have slid, as it is zero wherever all stick. The largest pressure by how far it stands out
+    from its neighbours, see `_standing_out`.
     """
     touching = steps["status"][: index + 1] != OPEN
     closed, clamped, early, edges, apart = touching[-1], 0.0, 0.0, [], 0.0

@@ -1,25 +1,23 @@
-"""The SPMD part of a study: the values of one parameter, solved on one export, and their tables."""
+"""The SPMD part of a study: the values of one parameter, solved on one export."""
 
 import dataclasses
-import itertools
 from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
 
 from ..contact.nodes import contact_table, merge_parts
-from ..contact.states import STATUS_NAMES, ContactField
+from ..contact.states import STATUS_NAMES
 from ..effects import Effects
 from ..errors import DriverError, InputError, NotConverged, agree
 from ..feti.compliance import ContactCompliance
-from ..files import write_json, write_rows, write_table
 from ..march.problem import assemble
 from ..march.step import StepFailed
 from ..march.uniqueness import DOUBTFUL_FRICTION
 from ..options import Settings
+from ..results import dissipation
 from ..results.boundaries import NODES
 from ..results.contact_state import WEAR, less_wear
-from ..results.dissipation import Dissipation, start
 from ..results.quantities import chains, contact_length, peak, resultant, traction
 from ..results.record import Record
 from ..results.shares import label_shares
@@ -28,12 +26,12 @@ from ..runs.request import Request
 from ..scene.manifest import Manifest, read_manifest
 from ..scene.study_value import read_value
 from ..timing import Laps
+from . import outcomes as outcomes_files
 from .load_values import LoadValues
 
 LARGEST = 2000  # contact rows beyond which the condensation takes longer than a hundred runs save
 CHAIN = 20  # values that follow one another at most
 CHAINS = 8  # chains at least, for the ranks to share
-FIELDS = tuple(name for name in ContactField if name != ContactField.STATUS)
 
 
 def run(directory: Path, request: Request, comm) -> tuple[int, str]:
@@ -88,7 +86,7 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
                    "counts": {"dual_multiplications": products}, "seconds": seconds,
                    "ranks": comm.size, "units": manifest.units,
                    "parameters": {**parameters, **dataclasses.asdict(settings)}}
-        _write(directory, request, structure.contact.declared, outcomes, summary)
+        outcomes_files.write(directory, request, structure.contact.declared, outcomes, summary)
     return status, reason
 
 
@@ -270,8 +268,7 @@ def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndar
     contact = operator.structure.contact.declared
     u_t = u_t[: len(contact.gid)]
     law = solver.effects.contact_law(contact)
-    friction = Dissipation(contact.weight, contact.gap,
-                           start(solver.effects, law, contact.weight, solver.amplitudes))
+    friction = dissipation.of_run(solver, law, contact)
 
     shares, before = label_shares(operator.structure)[1], 0.0
     record = Record(operator, solver) if contact.following is not None else None
@@ -372,36 +369,3 @@ def _quantities(contact, shares: np.ndarray, fields: dict) -> dict:
             "contact_length": contact_length(place, pieces, now, 0),
             "largest_slip": float(np.abs(fields["slip"]).max(initial=0)),
             **{f"nodes_{name}": int(nodes[k]) for k, name in enumerate(STATUS_NAMES)}}
-
-
-def _write(directory: Path, request: Request, contact, outcomes: list[Outcome],
-           summary: dict) -> None:
-    """study.csv, history.csv, contact.csv and summary.json.
-
-    Values stand in the first column of tables, which has the parameter's name, with _value where
-    another column has that.
-    """
-    values = request.values
-    full = next((outcome.row for outcome in outcomes if outcome.history), outcomes[0].row)
-    worn = [WEAR] if WEAR in outcomes[0].fields else []
-    nodal = ["node", "boundary", "x", "y", "arc", "weight", *FIELDS,
-             *("worn_depth" for _ in worn), "status"]
-    taken = {*nodal, *full, *(key for outcome in outcomes for row in outcome.history
-                              for key in row)}
-    taken.discard("steps")  # of each run, which are its value where steps are studied
-    name = f"{request.study}_value" if request.study in taken else request.study
-    write_table(directory / "study.csv", [{name: value} | dict.fromkeys(full, "") | outcome.row
-                                          for value, outcome in zip(values, outcomes)])
-    steps = [{name: value, **row} for value, outcome in zip(values, outcomes)
-             for row in outcome.history]
-    if steps:
-        write_table(directory / "history.csv", steps)
-    place = [contact.label, *contact.xy.T, contact.arc, contact.weight]
-    rows = [row for value, outcome in zip(values, outcomes) if outcome.fields
-            for row in zip(itertools.repeat(value), itertools.count(),
-                           *(part.tolist() for part in place),
-                           *(outcome.fields[field].tolist() for field in (*FIELDS, *worn)),
-                           map(STATUS_NAMES.__getitem__, outcome.fields["status"]))]
-    if rows:
-        write_rows(directory / "contact.csv", [name, *nodal], rows)
-    write_json(directory / "summary.json", summary)

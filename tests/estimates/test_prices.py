@@ -252,7 +252,7 @@ def test_a_run_ends_with_the_price_of_the_quantity_asked_for(solved):
 
 
 def test_a_quantity_that_the_scene_has_not_is_refused_before_it_is_solved(solved):
-    run = solved("model-static", quantity="loudness")
+    run = solved("model-static", quantity="loudness", errors="yes")
     assert run.status == 2 and "QUANTITY=loudness" in run.reason and "slip" in run.reason
 
 

@@ -467,6 +467,28 @@ def test_loads_of_bodies_are_made_with_their_own_materials(made, solved, named_s
     compare(files["contact"], solved(path, heat="2e-3", **TIGHT), heat="2e-3")
 
 
+RUBBED = """include "scene.idp"
+real F = physical("friction", 0.3);
+body = square(8, 4, [8.*x, 4.*y]);
+quasistatic(1.);
+bodyMaterial("pad", 1e6, 0.);
+macro support() on(3, u1 = 0.) //
+macro contact() 1 //
+macro friction() F //
+macro load1() pressure(3, 2.) //
+macro obstacleX(t) 0.5*t //
+include "export.idp"
+"""
+
+
+def test_friction_takes_the_work_that_it_takes_in_single_runs(made, named_scene):
+    """F p L s, under a load that stands from time 0, beside an obstacle that moves."""
+    _, files = made(scene=str(named_scene("rubbed", RUBBED)), friction="0.2,0.3", steps="3")
+    for row in files["study"]:
+        work = float(row["friction"]) * 2 * 8 * 0.5
+        assert float(row["dissipated"]) == pytest.approx(work, rel=1e-4)
+
+
 def test_a_parameter_may_have_the_name_of_a_column(made, named_scene, tmp_path):
     """Values have a column of their own, in tables and in the picture."""
     text = freefem.find_scene("bar").read_text()
