@@ -95,7 +95,8 @@ def budget_of(exported, tmp_path_factory):
             run, entry = levels.run(settings), {}
             sizes, _ = adjoint.assess(problem, run.record, run.steps[run.at], run.values,
                                       lambda: gather_body(Gather(problem.operator)))
-            assess(entry, Companions(levels, problem, settings, run.record, sizes))
+            assess(entry, Companions(levels, problem, settings, run.record, sizes,
+                                     step=run.steps[run.at]))
             levels.close()
             made[key] = entry
         return made[key]

@@ -3,15 +3,18 @@ its error that follow from them (budget.py).
 """
 
 import dataclasses
+import itertools
 
 from ..errors import DriverError
 from ..march.problem import Problem
+from ..march.step import Step
 from ..options import Settings
 from ..results.record import Record
 from . import caution, jumps, unresolved
 from .between_steps import departures
 from .budget import (OF_TIME, Part, advice, coarser, extrapolate, formal_order, mesh_knob, name_of,
                      located, ratio, summed)
+from .free_peak import free_peak
 from .levels import Level, Levels, samples
 from .polygons import stand_for_curves
 
@@ -22,6 +25,7 @@ MANY = 20  # steps of which the first one matters little, where coarser times sh
 FINER = 4  # times as many steps then, also where steps miss what a history does
 ROUNDING = 1e-9  # relative change of a largest displacement that a support prescribes
 UNSEEN = 1e-2  # by how much others may exceed it, relative: bulges beside a support
+SAME = 0.5  # part of a peak of displacements that the same one on a coarser mesh has at least
 UNTRIED = "no run with more steps to compare with"
 TIGHTER = 100.0  # tolerances of the companions that tell what those of the run leave
 LEFT = 2.0  # safety of what they tell: another mesh answers by chance with more or less
@@ -32,12 +36,13 @@ class Companions:
     """Runs beside one run, and what each part of its error follows from."""
 
     def __init__(self, levels: Levels, problem: Problem, settings: Settings, record: Record,
-                 sizes: dict, energy: dict | None = None, smoothed: float | None = None):
+                 sizes: dict, energy: dict | None = None, smoothed: float | None = None,
+                 step: Step | None = None):
         """`record` of the run of `problem` with `settings`; `sizes` and `smoothed` as of
-        adjoint.assess, `energy` the entry of energy.report.
+        adjoint.assess, `energy` the entry of energy.report. `step`: that of the quantities.
         """
         self.values, self.at = record.quantities()
-        self.unplaced = record.unplaced[self.at]
+        self.operator, self.step = problem.operator, step
         self.singular, touch = record.singular_places(), record.touch(self.at)
         error, element = unresolved.energy_error(energy), problem.manifest.element
         self.caution = caution.Caution.of(problem, touch, sizes, error, bool(levels.cycles),
@@ -166,7 +171,7 @@ class Companions:
         touches = [self.caution.touch, *(self.level(mesh, each).touch for mesh, each, _ in zip(
             self.meshes[1:], (1, stride), good))]
         parts = self.caution.parts(self.values, good, self.ratios, self.singular, touches)
-        if good:
+        if good and self.step is not None:
             parts["displacement"] = located(parts["displacement"],
                                             self._exceeding(len(good), stride))
         value, part = self.values["displacement"], parts["displacement"]
@@ -177,25 +182,28 @@ class Companions:
         return unresolved.known(parts, self.unresolved, self.values, self.caution.touch)
 
     def _exceeding(self, pairs: int, stride: int) -> float:
-        """By how much places that neither contact nor a support places may exceed the largest
-        displacement, from `pairs` of meshes; zero where the largest is theirs on all of them.
-
-        A node that is placed hardly moves with the mesh: such largest ones tell nothing of others.
+        """By how much a free peak may exceed the largest displacement, from `pairs` of meshes; zero
+        where that is one itself on all of them.
         """
         def largest(mesh: dict, stride: int) -> tuple[float, float]:
             level = self.level(mesh, stride)
-            return level.values["displacement"], level.record.unplaced[level.at]
+            peak = free_peak(level.solver.operator, level.steps[level.at])
+            return level.values["displacement"], peak
 
-        runs = list(zip(self.meshes, self.meshes[1:], (1, stride)))[:pairs]
-        finer = [(self.values["displacement"], self.unplaced),
-                 *(largest(mesh, each) for mesh, _, each in runs[1:])]
+        value, runs = self.values["displacement"], list(zip(self.meshes, self.meshes[1:],
+                                                            (1, stride)))[:pairs]
+        own = free_peak(self.operator, self.step)
+        finer = [(value, own), *(largest(mesh, each) for mesh, _, each in runs[1:])]
         coarser = [largest(mesh, each) for _, mesh, each in runs]
-        if all(most == unplaced for most, unplaced in finer[:pairs] + coarser):
+        if all(peak >= (1 - ROUNDING) * most for most, peak in finer + coarser):
+            return 0.0
+        same = list(itertools.takewhile(lambda pair: min(pair) > SAME * own, (
+            (fine, coarse) for (_, fine), (_, coarse) in zip(finer, coarser))))
+        if not same:  # no mesh but this one has such a peak
             return 0.0
         formal = formal_order("mesh", self.manifest.element, "displacement")
-        part = extrapolate([a - b for (_, a), (_, b) in zip(finer, coarser)], self.ratios, formal,
-                           self.unplaced, True)
-        return max(self.unplaced + part.error - self.values["displacement"], 0.0)
+        part = extrapolate([a - b for a, b in same], self.ratios, formal, own, True)
+        return max(own + part.error - value, 0.0)
 
     def _time(self) -> dict[str, Part]:
         """Every second and fourth time; without friction only the instant counts.

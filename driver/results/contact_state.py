@@ -38,19 +38,19 @@ class ContactState:
         self._begun: dict[str, np.ndarray] = {}
         self.constrained = self._constrained()
         following, structure = self.boundary.following, operator.structure
-        self.gids = (np.unique(self.boundary.term_gid) if following is None else following.gids)
-        self._nodal = NodalFields(structure, self.gids, operator.comm)
+        self._gids = (np.unique(self.boundary.term_gid) if following is None else following.gids)
+        self._nodal = NodalFields(structure, self._gids, operator.comm)
         travel = structure.travel
         self._travelled = {k: self._nodal(travel.displacements(unit, structure.subdomains))
                            for k, unit in enumerate(np.eye(structure.patterns))
                            if k in travel.patterns}
-        self._before = np.zeros((len(self.gids), 2))  # displacements less travel a step before
+        self._before = np.zeros((len(self._gids), 2))  # displacements less travel a step before
         self._take_geometry()
 
     def _take_geometry(self) -> None:
         """Take over the present contact boundary."""
         self.boundary = self.operator.structure.contact.declared
-        self._term = np.searchsorted(self.gids, self.boundary.term_gid)
+        self._term = np.searchsorted(self._gids, self.boundary.term_gid)
         # (patterns, n_c, 2) displacements, between bodies jumps, by the travel of the patterns
         self._travel = np.zeros((self.operator.structure.patterns, len(self.boundary.gid), 2))
         for k, moved in self._travelled.items():

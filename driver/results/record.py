@@ -27,10 +27,7 @@ class Record:
         self.states = {name: [] for name in (*ContactField, *more)}
         self.gaps = []
         self.normals = []  # (n_c, 2) a step, where contact follows the motion
-        # the largest of the body, and of its nodes that neither contact nor a support places: one
-        # number a step
-        self.displacements, self.unplaced = [], []
-        self._unplaced = self._without_place()
+        self.displacements = []  # the largest of the body, one number a step
         self.work = []  # of friction, one array (n_c,) a step, in cycles jumped over too
         # how often steps are gone through, where cycles are jumped over, and work of each cycle
         self.repeats, self.cycle_work = [], []
@@ -58,21 +55,10 @@ class Record:
         if self.cycles is not None:
             self._count(step)
         whole = self.operator.with_travel(fields, step.weights)
-        squares = (np.concatenate([np.zeros(2), *whole]).reshape(-1, 2) ** 2).sum(axis=1)
-        largest = float(squares.max()), float(squares[self._unplaced].max())
-        largest = np.sqrt(np.max(self.operator.comm.allgather(largest), axis=0)).tolist()
-        self.displacements.append(largest[0])
-        self.unplaced.append(largest[1])
+        squares = np.concatenate([np.zeros(2), *whole]).reshape(-1, 2) ** 2
+        largest = float(np.sqrt(squares.sum(axis=1).max()))
+        self.displacements.append(max(self.operator.comm.allgather(largest)))
         return fields, state
-
-    def _without_place(self) -> np.ndarray:
-        """(1 + nodes of the rank's subdomains,) of which none is placed; the first is no node."""
-        structure, parts = self.operator.structure, [[True]]
-        for sub, fixed in zip(structure.subdomains, structure.fixed):
-            free = ~np.isin(sub.node_gid, self.contact.gids)
-            free[sub.dof_node[fixed]] = False
-            parts.append(free)
-        return np.concatenate(parts)
 
     def _count(self, step: Step) -> None:
         """The steps of a cycle before a jump are gone through in all the cycles jumped over."""

@@ -345,7 +345,7 @@ def _budget(errors: dict, directory: Path, request: Request, problem: Problem, w
     try:
         sizes, said = adjoint.assess(problem, record, step, values, lambda: estimator.body)
         companions = Companions(levels, problem, settings, record, sizes, errors["energy"],
-                                said.get("smoothed"))
+                                said.get("smoothed"), step)
         parts = assess(errors, companions)
         errors["adjoint"] = said
         errors["energy"] |= of_time(errors["quantities"], errors["energy"])

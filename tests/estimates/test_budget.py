@@ -144,9 +144,8 @@ class Linear:
 
     def run(self, settings, stride=1, plan=None, **_changes):
         """A run of one quantity."""
-        value = self.value(settings)
-        return SimpleNamespace(values={"displacement": value}, touch=Touch(open={}), at=0,
-                               record=SimpleNamespace(unplaced=[value]))
+        return SimpleNamespace(values={"displacement": self.value(settings)},
+                               touch=Touch(open={}))
 
 
 class Declared(SimpleNamespace):
@@ -175,8 +174,7 @@ def test_each_tolerance_has_its_share(coulomb, name):
     manifest = SimpleNamespace(parameters={"cells": 8}, steps=1, element="P1", nodes=0,
                                curved=[], between={})
     record = SimpleNamespace(quantities=lambda: ({"displacement": levels.value(loose)}, 0),
-                             singular_places=lambda: (), touch=lambda _index: Touch(open={}),
-                             unplaced=[levels.value(loose)])
+                             singular_places=lambda: (), touch=lambda _index: Touch(open={}))
     companions = Companions(levels, problem_of(manifest, effects), loose, record, {})
     parts = companions.parts()
     error = sum(parts[source]["displacement"].error for source in ("friction", "solver")
@@ -211,10 +209,9 @@ def test_a_mesh_that_does_not_resolve_the_solution_leaves_no_claims_of_contact(e
               "normal_resultant": 3.0}
     levels.run = lambda *_, **changes: SimpleNamespace(
         values={name: value * (1 + 0.01 * bool(changes)) for name, value in values.items()},
-        touch=touch, at=0,
-        record=SimpleNamespace(unplaced=[values["displacement"] * (1 + 0.01 * bool(changes))]))
+        touch=touch)
     record = SimpleNamespace(quantities=lambda: (values, 0), singular_places=lambda: (),
-                             touch=lambda _index: touch, unplaced=[values["displacement"]])
+                             touch=lambda _index: touch)
     parts, held = (Companions(levels, problem_of(manifest, effects), Settings(), record, sizes,
                               energy).parts()["mesh"]
                    for sizes in ({}, {"normal_resultant": Sizes(1e-3, 1.0, 1.0)}))

@@ -1,7 +1,11 @@
 """Largest displacements of nodes that contact or supports place: others may exceed them."""
 
+from types import SimpleNamespace
+
 import numpy as np
-import pytest
+from mpi4py import MPI
+
+from driver.estimates.free_peak import free_peak
 
 # a sleeve with a flange, shrunk on a rigid shaft, warm, and pressed along the axis
 HUB = """include "scene.idp"
@@ -37,18 +41,32 @@ def test_a_free_place_that_exceeds_the_bore_on_finer_meshes_is_in_the_claim(solv
     assert fine - claim["value"] <= claim["total"] <= 0.5 * claim["value"]
 
 
-def test_nodes_of_contact_and_of_supports_are_placed(built, steps_of):
-    """Of the model, whose top moves freely: all the same number where the largest is there."""
-    from driver.results.record import Record
+def body_of(parts: list[dict], placed=()):
+    """An operator of subdomains with these sizes of displacement by node, along a row of edges."""
+    subs, fields = [], []
+    for part in parts:
+        gid = np.array([*part])
+        edges = np.column_stack([np.arange(len(gid) - 1), np.arange(1, len(gid))])
+        subs.append(SimpleNamespace(node_gid=gid, elements=edges,
+                                    dof_node=np.repeat(np.arange(len(gid)), 2)))
+        fields.append(np.column_stack([0 * gid, [*part.values()]]).ravel())
+    contact = SimpleNamespace(declared=SimpleNamespace(term_gid=np.array(placed, int)))
+    structure = SimpleNamespace(contact=contact, subdomains=subs,
+                                fixed=[np.empty(0, int) for _ in subs])
+    return SimpleNamespace(structure=structure, comm=MPI.COMM_SELF,
+                           displacements=lambda *_: fields)
 
-    problem = built(loading="nonmonotone", cells=2, steps=2)
-    solver, steps = steps_of(problem)
-    record = Record(problem.operator, solver)
-    fields, _ = record.add(steps[0])
-    sizes = []
-    for sub, fixed, u in zip(problem.structure.subdomains, problem.structure.fixed, fields):
-        free = ~np.isin(sub.node_gid, problem.structure.contact.gid)
-        free[np.asarray(fixed) // 2] = False
-        sizes.append(np.linalg.norm(u.reshape(-1, 2), axis=1)[free].max(initial=0))
-    assert record.unplaced == [pytest.approx(max(sizes), rel=1e-12)]
-    assert record.displacements[0] >= record.unplaced[0] > 0
+
+STEP = SimpleNamespace(multipliers=None, weights=None)
+
+
+def test_a_peak_is_what_no_neighbour_exceeds_on_either_side_of_an_interface():
+    rising, falling = {0: 1.0, 1: 2.0, 2: 3.0}, {2: 3.0, 3: 2.5, 4: 2.7}
+    assert free_peak(body_of([rising, falling]), STEP) == 3.0
+    # its place is prescribed: the end of the row is the next peak, its neighbours are none
+    assert free_peak(body_of([rising, falling], [2]), STEP) == 2.7
+    # of an interface that is exceeded in the other subdomain
+    assert free_peak(body_of([rising, {2: 3.0, 3: 4.0}], [3]), STEP) == 0.0
+    held = body_of([rising])
+    held.structure.fixed = [np.array([5])]
+    assert free_peak(held, STEP) == 0.0
