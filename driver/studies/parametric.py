@@ -278,7 +278,7 @@ def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndar
         if record is not None:
             fields = dict(record.add(step)[1]) | {"gap": record.gaps[-1]}
         else:
-            fields = _fields(solver, step, u_t + contact.way(before, step.time))
+            fields = _fields(solver, step, u_t, contact.way(before, step.time))
             fields["gap"] = contact.at(step.time).gap
         u_t, before = fields["u_t"], step.time
         bare = less_wear(fields)
@@ -321,11 +321,12 @@ def _cycles(solver) -> dict:
     return {"cycles": last["cycle"], "kind": last["kind"], "settled": shown(last["settled"])}
 
 
-def _fields(solver, step, u_t: np.ndarray) -> dict[str, np.ndarray]:
+def _fields(solver, step, u_t: np.ndarray, way) -> dict[str, np.ndarray]:
     """Nodal contact quantities from multipliers and gradient: at its rows B u = c - gradient.
 
-    `u_t` (n_c,) are tangential displacements of nodes that have not slid in the step. Where the
-    scene declares wear its depth is among them.
+    `u_t` (n_c,) are tangential displacements before the step, `way` (n_c,) or 0 is that of the
+    obstacles' surfaces in it: a node that does not slide goes with them, one that a support holds
+    stays. Where the scene declares wear its depth is among the quantities.
     """
     operator, rows, wear = solver.operator, solver.rows, solver.effects.rooms.get(WEAR)
     contact = operator.structure.contact.declared
@@ -348,7 +349,10 @@ def _fields(solver, step, u_t: np.ndarray) -> dict[str, np.ndarray]:
     operator.comm.Allreduce(MPI.IN_PLACE, values)
     u_n, slip, force_n, force_t, bound, status, depth = values[:, : len(contact.gid)]
     w = contact.weight
-    fields = {"u_n": u_n, "u_t": u_t + slip, "slip": slip, "sigma_n": force_n / w + 0.0,
+    if solver.effects.frictional:
+        held = structure.contact.tangential_row[: len(contact.gid)] < 0
+        slip = np.where(held, -way, slip)
+    fields = {"u_n": u_n, "u_t": u_t + way + slip, "slip": slip, "sigma_n": force_n / w + 0.0,
               "sigma_t": force_t / w + 0.0, "bound": bound / w, "status": status.astype(int)}
     return fields if wear is None else fields | {WEAR: depth}
 

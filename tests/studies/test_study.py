@@ -489,6 +489,17 @@ def test_friction_takes_the_work_that_it_takes_in_single_runs(made, named_scene)
         assert float(row["dissipated"]) == pytest.approx(work, rel=1e-4)
 
 
+def test_nodes_that_a_support_holds_stay_where_they_are(made, solved, named_scene):
+    """The floor slides away below them, as below the others."""
+    path = str(named_scene("sided", RUBBED.replace("on(3, u1", "on(4, u1")))
+    _, files = made(scene=path, friction="0.2,0.3", steps="2")
+    single = solved(path, friction="0.3", steps="2", **TIGHT)
+    rows = [row for row in files["contact"] if row["friction"] == "0.3"]
+    for name in ("u_t", "slip"):
+        ours = np.array([float(row[name]) for row in rows])
+        np.testing.assert_allclose(ours, single.contact[name][-1], atol=CLOSE)
+
+
 def test_a_parameter_may_have_the_name_of_a_column(made, named_scene, tmp_path):
     """Values have a column of their own, in tables and in the picture."""
     text = freefem.find_scene("bar").read_text()
