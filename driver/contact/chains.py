@@ -19,7 +19,7 @@ class Chains:
 
     `arc` (n,) runs on from piece to piece of labels that belong together. `number` (n,) of the
     chain: pieces without corners share one, each piece that ends at a corner has its own.
-    `order` (n,) sorts by number and arc. `edges` (e, 2): the nodes at the ends of the edges,
+    `order` (n,) sorts by number, within a chain as its pieces follow. `edges` (e, 2): the nodes at the ends of the edges,
     `middles` (e,) those in between, none with linear elements.
     """
 
@@ -50,6 +50,7 @@ def chains(nodes: Nodes, skeleton) -> Chains:
                                 return_inverse=True, return_counts=True)
     corner = (count[vertex] > 1) & (nodes.family == 0) | (shared[side] > 1)
     arc, number, sequence = np.zeros(len(links)), np.zeros(len(links), int), 0
+    walked = []  # where one piece ends another starts with the same arc: that tells no order
     for together in _joined(nodes, labels):
         plain, start, remaining = sequence, 0.0, set(together)
         sequence += 1
@@ -62,7 +63,10 @@ def chains(nodes: Nodes, skeleton) -> Chains:
             steps = np.linalg.norm(np.diff(nodes.xy[piece], axis=0), axis=1)
             number[piece], arc[piece] = own, np.cumsum(np.append(start, steps))
             start = arc[piece[-1]]
-    return Chains(arc, number, np.lexsort((arc, number)), np.array(ends, int).reshape(-1, 2),
+            walked += piece
+    walked = np.array(walked, int)
+    order = walked[np.argsort(number[walked], kind="stable")]
+    return Chains(arc, number, order, np.array(ends, int).reshape(-1, 2),
                   np.array(middles, int))
 
 

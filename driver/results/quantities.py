@@ -138,8 +138,9 @@ def beyond_ends(nodes: dict, piece: np.ndarray) -> np.ndarray:
         beyond = np.where(nodes["paired"][ends], weight - near / 3, 3 * weight - near)
         beyond = np.where(nodes["middle"][ends], near, beyond)
     beyond[beyond < 1e-6 * near] = 0.0
-    closing = np.linalg.norm(np.subtract(*nodes["xy"][ends]))
-    return beyond / 2 if np.allclose(beyond, closing, rtol=1e-6, atol=0) else beyond
+    if beyond.all() and is_ring(nodes, piece):
+        return np.full(2, np.linalg.norm(np.subtract(*nodes["xy"][ends])) / 2)
+    return beyond
 
 
 def is_ring(nodes: dict, piece: np.ndarray) -> bool:

@@ -129,6 +129,16 @@ def test_a_block_climbs_a_slope(solved, scene, obstacle, options):
                                atol=1e-6 * np.abs(sigma).max())
 
 
+def test_the_first_steps_under_a_moving_obstacle(solved, scene):
+    """Contact that follows has distances of one time, obstacles have places of all."""
+    moved, back = (solved(scene(PATH, ("WHAT MOVES", what)), steps=4, **TIGHT)
+                   for what in (OBSTACLE, BODY))
+    assert moved.status == back.status == 0, moved.reason
+    for name in ("normal_resultant", "dissipated_energy"):
+        assert moved.summary["quantities"][name] == pytest.approx(
+            back.summary["quantities"][name], rel=1e-6)
+
+
 @pytest.mark.slow
 def test_a_punch_is_dragged_over_three_of_its_widths(solved, scene):
     """T = F N node by node, forces on one another, and what the block's mesh makes of a place.

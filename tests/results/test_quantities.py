@@ -315,6 +315,58 @@ def test_edges_on_clamped_nodes_and_ends_of_the_boundary():
     assert 0.8 <= values(clamped, steps)["contact_length"] <= 0.9
 
 
+@pytest.mark.parametrize("count", [12, 40])
+@pytest.mark.parametrize("paired, curved", [(False, 1.0), (False, 1.0 + 1e-3), (True, 1.0)])
+def test_a_ring_of_quadratic_elements_that_is_closed_has_its_length(count, paired, curved):
+    """The edge that closes it counts once: by its chord, whatever the weights at its ends say.
+
+    They are integrals of the shape functions over edges, of curved ones by their arcs; those of
+    pairs are dual segments.
+    """
+    angle = 2 * np.pi * np.arange(2 * count) / (2 * count)
+    x, middle = 5 * np.column_stack([np.cos(angle), np.sin(angle)]), np.arange(2 * count) % 2 == 1
+    side = float(np.linalg.norm(x[1] - x[0]))
+    nodes, steps = line(side * np.arange(2.0 * count), np.ones(2 * count, bool),
+                        np.ones(2 * count), np.zeros(2 * count))
+    share = np.where(middle, 2, 1) / (3 / 2) if not paired else np.where(middle, 4, 2) / 3
+    nodes |= {"xy": x, "middle": middle, "weight": share * side * curved,
+              "paired": np.full(2 * count, paired)}
+    length = values(nodes, steps)["contact_length"]
+    assert length == pytest.approx(2 * count * side, rel=1e-12)
+
+
+THREE = """include "scene.idp"
+real turned = physical("turned", 0.), apart = physical("apart", 0.);
+int[int] sides = [1, 22, 3, 44];
+mesh a = square(8, 4, [4.*x, 2.*y], label = sides);
+mesh b = square(7, 5, [4. + apart + 3.*x, 3.*y], label = sides);
+mesh c = square(7, 4, [-3. - apart + 3.*x, 2.5*y], label = sides);
+if (turned > 0.5) { addBody(c) bodyMaterial("c", 1e4, 0.3); }
+addBody(b) bodyMaterial("b", 2e4, 0.2);
+addBody(a) bodyMaterial("a", 1e4, 0.3);
+if (turned < 0.5) { addBody(c) bodyMaterial("c", 1e4, 0.3); }
+macro support() on(3, u1 = 0.) //
+macro contact() 1 //
+macro gap() (-0.001*(1. + cos(x))) //
+macro load1() traction(3, 0., -20.) //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("options", [{}, {"turned": 1}, {"apart": 0.5}, {"element": "P2"}])
+def test_bodies_side_by_side_on_one_label_are_pieces_of_its_boundary(solved, named_scene, options):
+    """In whatever order they come: the end of one and the start of the next have one arc."""
+    run = solved(named_scene("three", THREE), **options)
+    assert run.status == 0, run.reason
+    assert (run.contact["status"] != "open").all()
+    assert run.summary["quantities"]["contact_length"] == pytest.approx(10.0, rel=1e-9)
+    x, arc = run.contact["x"][-1], run.contact["arc"][-1]
+    pieces = np.split(np.arange(len(x)), np.flatnonzero(np.diff(arc) < 1e-9) + 1)
+    assert len(pieces) == 3
+    for piece in pieces:  # in either direction
+        assert len(set(np.sign(np.diff(x[piece])))) == 1
+
+
 @pytest.mark.parametrize("touching, expected", [
     ([5], 0.1), ([0], 0.05), ([10], 0.05), ([2, 8], 0.2), ([4, 5], 0.1), ([], 0.0)])
 def test_a_node_that_touches_alone_counts_by_its_dual_segment(touching, expected):
