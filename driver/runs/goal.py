@@ -189,6 +189,12 @@ class Search(Trials):
         self.name = self.name or main_quantity(values)
         if self.name not in values:
             raise InputError(f"the scene has no quantity '{self.name}'; it has {', '.join(values)}")
+        while self.name in vanishing(values) and self.coarsening > 1:
+            # where nothing slides yet on coarse meshes: up to twice as fine as the scene's own
+            self.coarsening /= 2
+            self.sizes = [second, finer(self.knob, second, 2.0)]
+            second = self.sizes[-1]
+            values = self.values(second)
         if self.memoryless(second):
             self.stride = self.total
             if self.effects.frictional:  # all that depends on the way grows in proportion

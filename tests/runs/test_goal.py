@@ -211,6 +211,24 @@ def test_a_third_mesh_is_sized_by_what_two_differ_by(element, coarse, sizes):
     assert third(0.9995, 1.0, held=True) == [8.0, 4.0] != third(0.9995, 1.0)
 
 
+@pytest.mark.parametrize("slides_from, sizes", [(9.0, [8.0, 4.0]), (4.0, [8.0, 4.0]),
+                                                (2.0, [4.0, 2.0]), (0.0, [1.0, 0.5])])
+def test_what_is_zero_on_coarse_meshes_is_looked_for_on_finer_ones(slides_from, sizes):
+    """Up to twice as fine as the scene's own, 8 times finer than the coarsest; steps and tolerances
+    are chosen where something slides.
+    """
+    search, chosen = object.__new__(goal.Search), []
+    search.name, search.asked, search.knob, search.sizes = "slip", 0.1, "h", [8.0]
+    search.coarsening, search.stride, search.total = 8, 1, 1
+    search.effects = SimpleNamespace(frictional=True)
+    search.values = lambda size: {"slip": 0.1 * (size <= slides_from), "displacement": 1.0}
+    search._skip_unsolved = search._third = lambda: None
+    search.memoryless = lambda size: chosen.append(size) or False
+    search.tighten = chosen.append
+    search._prepare()
+    assert search.sizes == sizes and chosen == [sizes[-1]] * 2
+
+
 def test_tolerances_are_measured_against_runs_that_are_there():
     """As long as these are much tighter."""
     search = object.__new__(goal.Search)
