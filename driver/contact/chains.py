@@ -19,8 +19,8 @@ class Chains:
 
     `arc` (n,) runs on from piece to piece of labels that belong together. `number` (n,) of the
     chain: pieces without corners share one, each piece that ends at a corner has its own.
-    `order` (n,) sorts by number, within a chain as its pieces follow. `edges` (e, 2): the nodes at the ends of the edges,
-    `middles` (e,) those in between, none with linear elements.
+    `order` (n,) sorts by number, within a chain as its pieces follow. `edges` (e, 2): the nodes at
+    the ends of the edges, `middles` (e,) those in between, none with linear elements.
     """
 
     arc: np.ndarray

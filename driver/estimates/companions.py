@@ -52,6 +52,9 @@ class Companions:
                                            last and unresolved.blind(energy, smoothed))
         self.levels, self.manifest, self.settings = levels, problem.manifest, settings
         self.effects = problem.effects
+        rows = record.cycles.past.rows if levels.plan else ()
+        self.summed = {"dissipated_energy": record.cycle_work,
+                       "slip": [row["slip"] for row in rows]} if rows else {}
         # cycles skipped after each computed one, where any were
         self.jumps = levels.plan if any(levels.plan or ()) else None
         levels.problems[()] = problem
@@ -242,7 +245,11 @@ class Companions:
     def _jumps(self) -> dict[str, Part]:
         """Jumps over cycles that are half as long."""
         shorter = self.level(self.base, plan=jumps.halved(self.jumps))
-        return self._parts("jumps", [(self._values(self.base), shorter and shorter.values)], [2.0])
+        parts = self._parts("jumps", [(self._values(self.base), shorter and shorter.values)], [2.0])
+        for name, values in self.summed.items():
+            if name in parts:
+                parts[name] = located(parts[name], jumps.carried_on(values, self.jumps))
+        return parts
 
     def _algebraic(self, first: dict, then: dict) -> dict[str, Part]:
         """What settings `then` change in a run with those of `first`.

@@ -26,6 +26,17 @@ def halved(plan: list[int]) -> list[int]:
     return shorter
 
 
+def carried_on(values: list[float], plan: list[int]) -> float:
+    """What a sum over cycles may err by that jumps of a `plan` go on with: `values` are those of
+    the computed cycles, of which one after a jump tells what the last one before it has missed.
+
+    Companions with other jumps go on with much the same values. Twice the difference: cycles that
+    were jumped over may lie beyond both.
+    """
+    return 2 * sum(skip * abs(after - before)
+                   for skip, before, after in zip(plan, values, values[1:]))
+
+
 def remedy(words: str, plan: list[int]) -> str:
     """The option with jumps half as long as those of CYCLES=`words`, which came to `plan`."""
     return f'CYCLES="{Jumps.of(0.0, words, plan).words(1)}"'

@@ -3,7 +3,7 @@
 import pytest
 
 from driver.estimates import prices
-from driver.estimates.jumps import Jumps, halved, remedy
+from driver.estimates.jumps import Jumps, carried_on, halved, remedy
 from driver.estimates.prices import Quantity
 
 
@@ -12,6 +12,14 @@ from driver.estimates.prices import Quantity
 def test_jumps_half_as_long_go_as_far(plan, shorter):
     assert halved(plan) == shorter
     assert len(shorter) + sum(shorter) == len(plan) + sum(plan)
+
+
+def test_cycles_after_a_jump_tell_what_it_went_on_with():
+    """Of cycles whose work tends to 1 like 1 + 0.4^k forty are taken for the seventh."""
+    work, plan = [1 + 0.4**k for k in (5, 6, 7, 48)], [0, 0, 40, 0]
+    true = sum(1 + 0.4**7 - (1 + 0.4**k) for k in range(8, 48))
+    assert true <= carried_on(work, plan) <= 2.1 * true
+    assert carried_on([1.0, 1.0, 1.0], [0, 9, 0]) == carried_on([2.0], [0]) == 0.0
 
 
 def test_shorter_jumps_err_by_less_until_there_are_none():

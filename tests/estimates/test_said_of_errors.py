@@ -169,7 +169,7 @@ def companions(fails=(), **more) -> Companions:
     of.levels = SimpleNamespace(run=run, problem=problem, cycles=())
     of.settings, of.notes, of.values = Settings(), [], {"slip": 1.01}
     of.base, of.manifest = {"h": 1}, SimpleNamespace(steps=2, element="P1")
-    of.knob, of.jumps = "h", None
+    of.knob, of.jumps, of.summed = "h", None, {}
     vars(of).update(more)
     return of
 
@@ -207,6 +207,8 @@ def test_jumps_half_as_long_tell_what_jumps_leave():
     of._values = lambda mesh: {"slip": 1.0}
     found = of._jumps()["slip"]
     assert found.error is not None and found.error > 0
+    of.summed = {"slip": [3.0, 2.0, 1.5], "dissipated_energy": [0.0, 0.0, 9.0]}
+    assert of._jumps()["slip"].error == 2 * 9 * 0.5  # which the companion does not see
 
 
 def test_where_tolerances_cannot_be_tightened_residuals_stay():
