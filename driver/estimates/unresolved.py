@@ -1,7 +1,7 @@
 """Which errors a mesh that does not resolve the solution leaves unknown."""
 
 from ..results.touch import Touch
-from .budget import Part, share
+from .budget import Part, share, vanishing
 from .caution import by_balance
 
 COARSE = 0.5  # relative error in energy from which coarser meshes tell nothing of a finer one
@@ -12,6 +12,7 @@ APART = 1.0  # change of a quantity to the next mesh over the quantity itself, o
 PRESSING = 3  # the same on a round boundary, for resultants too: one has but one normal
 BLIND = 0.25  # smoothed stresses' error in energy over its bound; that is 2.6 times the true one
 # at most in the tests, so that two thirds of the error are all that they see
+OWN = "the mesh is too coarse: it may be nothing but its own error"
 OF_BODIES = ("normal_resultant", "tangential_resultant", "displacement")
 ALIKE = ("normal_resultant", "displacement")  # of meshes of the same problem
 
@@ -70,6 +71,19 @@ def alike(runs: list) -> list:
                    for name in ALIKE if name in fine)
 
     return runs[: next((k for k, pair in enumerate(runs) if not same(*pair)), len(runs))]
+
+
+def claimable(found: dict[str, Part], values: dict) -> dict[str, Part]:
+    """The parts `found`, but those as large as the value itself: meshes on which it comes and goes
+    do not bound its error, nor that of the work of such a slip. What vanishes, but for the mesh, is
+    said to do so.
+    """
+    zero = vanishing(values, {name: part.error for name, part in found.items()})
+    unknown = {name for name, part in found.items() if name not in zero
+               and part.error is not None and part.error >= abs(values[name]) > 0}
+    if "slip" in unknown and "dissipated_energy" in found:
+        unknown.add("dissipated_energy")
+    return found | {name: Part(None, note=OWN) for name in unknown}
 
 
 def known(found: dict[str, Part], unknown: dict[str, Part], values: dict,

@@ -147,3 +147,18 @@ def test_the_bound_says_nothing_of_an_earlier_step(monkeypatch, at, known):
         monkeypatch.setattr(owner, name, lambda *_, answer=answer, **__: answer)
     found = successive.mesh_parts(problem, [level, level], [2.0], "normal_resultant", "bound")
     assert (found["slip"].error is not None) == known
+
+
+def test_what_may_be_nothing_but_its_own_error_has_no_claim():
+    """Nor has the work of such a slip, though it is next to nothing by itself; zero is zero."""
+    values = {"normal_resultant": 100.0, "displacement": 1.0, "slip": 0.1,
+              "dissipated_energy": 1e-3, "tangential_resultant": 0.0}
+    errors = {"normal_resultant": 1.0, "displacement": 0.9, "slip": 0.2, "dissipated_energy": 1e-3,
+              "tangential_resultant": 1e-9}
+    parts = {name: Part(error) for name, error in errors.items()}
+    found = unresolved.claimable(parts, values)
+    assert {name for name, part in found.items() if part.error is None} == {"slip",
+                                                                           "dissipated_energy"}
+    assert all("its own error" in found[name].note for name in ("slip", "dissipated_energy"))
+    sure = unresolved.claimable(parts | {"slip": Part(0.05)}, values)
+    assert sure["slip"].error == 0.05 and sure["dissipated_energy"].error == 1e-3
