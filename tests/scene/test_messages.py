@@ -282,6 +282,13 @@ def test_what_freefem_trips_over(said, old, new, words):
         f"// \nmacro {name}" in new for name in ("a", "pairG", "probeL"))
 
 
+def test_negative_labels_are_refused(said):
+    """FreeFEM gives some to edges where meshes are cut."""
+    body = "int[int] sides = [1, -2, 3, 4]; body = square(2, 2, label = sides);"
+    assert "has the label -2: labels must not be negative" in said(
+        ("rectangle(0., 2., 0., 1.);", body))
+
+
 def test_a_law_of_slip_needs_a_range(said):
     law = "macro friction() F //\nmacro slipFactor(s) (1. - s) //\nreal slipRange = -1.;"
     assert "slipRange is -1: it must be positive" in said(("macro friction() F //", law))
