@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..contact.states import ContactField
+from ..contact.states import SLIP, ContactField
 from ..feti.gathering import joined
 from ..feti.nodal import NodalFields
 from ..feti.operator import DualOperator
@@ -10,7 +10,10 @@ from ..march.cycle_verdict import MOVED, WORN
 from ..march.quasistatic import QuasistaticSolver
 from ..march.step import Step
 
-JOINTS, WEAR = "joints", "wear"  # in what `ContactState.evaluate` returns
+JOINTS, WEAR, HELD = "joints", "wear", "held"  # in what `ContactState.evaluate` returns
+AXIS = 1e-6  # part of the largest coordinate that is on the axis
+ACROSS = 1e-6  # component of a tangent that is none
+SLIDES = 1e-9  # part of the largest slip that is rounding
 
 
 def less_wear(states: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -18,6 +21,31 @@ def less_wear(states: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     if WEAR not in states:
         return states
     return states | {ContactField.U_N: states[ContactField.U_N] - states[WEAR]}
+
+
+def held_along(b, constrained: np.ndarray) -> np.ndarray:
+    """(n_c,) which nodes of a ContactBoundary `b` a support holds wholly along it.
+
+    Of its displacement components `constrained` (n_c, 2) are given. Of a slanted boundary both must
+    be. Nodes on the axis of a revolution do not count, which has no circumference to rub.
+    """
+    held = (b.tangential_row < 0) & (constrained | (np.abs(b.tangent) < ACROSS)).all(axis=1)
+    if b.axisymmetric:
+        held &= b.xy[:, 0] > AXIS * np.abs(b.xy).max(initial=0.0)
+    return held
+
+
+def friction_of_held(held: np.ndarray, bound: np.ndarray, slip: np.ndarray,
+                     before: np.ndarray) -> np.ndarray:
+    """(n_c,) tangential forces of the nodes that are `held` along the boundary, zero of others.
+
+    What holds them prescribes their slip and takes the friction, on which no deformation depends:
+    the `bound` (n_c,) against the `slip` (n_c,); where that is zero what it was `before`.
+    """
+    size = np.abs(slip).max(initial=0.0)
+    moves = np.abs(slip) > SLIDES * size
+    return np.where(held, np.where(moves, np.sign(slip) * bound, np.clip(before, -bound, bound)),
+                    0.0)
 
 
 class ContactState:
@@ -31,6 +59,7 @@ class ContactState:
         self.solver = solver
         # of the step before: tangential displacement less travel, and pattern factors of that
         self._elastic = self._weights = None
+        self._held = np.zeros(len(self.boundary.gid))  # friction of nodes held along the boundary
         # depth so far, where the scene declares wear
         self.worn = np.zeros(len(self.boundary.gid)) if "wear" in solver.effects else None
         self._time = 0.0
@@ -65,7 +94,8 @@ class ContactState:
     def evaluate(self, step: Step, displacements: list[np.ndarray]) -> dict[str, np.ndarray]:
         """Arrays (n_c,) of every `ContactField` at the end of `step`, status as code; collective.
 
-        Beside them JOINTS, the nodal forces of the rows of joints, and WEAR where it is declared.
+        Beside them JOINTS, the nodal forces of the rows of joints, HELD, tangential ones of nodes
+        that have no row, and WEAR where it is declared.
 
         `displacements` (dofs,) of the rank's subdomains, less the travel. Steps must come in their
         order: slip is counted from the step before.
@@ -102,6 +132,11 @@ class ContactState:
         slip -= b.way(self._time, step.time)
         self._time = step.time
         self._elastic, self._weights, self._before = elastic, weights, moved
+        if self.frictional:
+            held = held_along(b, self.constrained)
+            self._held = friction_of_held(held, values[2], slip, self._held)
+            values[1] += self._held
+            values[3, held & (values[0] > 0) & (np.abs(self._held) >= values[2])] = SLIP
         more = {} if self.worn is None else {WEAR: self._wear(slip, values[0])}
         if step.cycle:
             self._cycle_ends(step)
@@ -109,7 +144,7 @@ class ContactState:
                 ContactField.SIGMA_N: 0.0 - values[0] / b.weight,
                 ContactField.SIGMA_T: 0.0 - values[1] / b.weight,
                 ContactField.BOUND: values[2] / b.weight,
-                ContactField.STATUS: values[3].astype(int), JOINTS: joints}
+                ContactField.STATUS: values[3].astype(int), JOINTS: joints, HELD: self._held}
 
     def _cycle_ends(self, step: Step) -> None:
         """A cycle ends; what grows in those that are jumped over after it has grown."""

@@ -10,7 +10,7 @@ SHAPED = {"obstacle", "obstacle_motion", "large_sliding", "bilateral"}  # else i
 SMOOTH, ROUND = np.cos(np.radians((20, 30)))  # normals of neighbours, and of a label's ends
 DIAMOND = 1e12  # Pa: twice its shear modulus
 COARSE = 0.01  # RTOL beyond which forces are guesses; FRICTION_RTOL: ten times that
-SLIDES = 1e-6  # part of the largest movement along the boundary that is one
+SLIDES = 1e-6  # part of the largest slip, or coordinate, that is one
 OVERLAP, FACETS = 1e-3, 0.05  # of the boundary's size, of a dual segment: what facets may overlap
 
 
@@ -37,30 +37,26 @@ def warnings(boundary: ContactBoundary, declared, displacements: list[float],
     return said
 
 
-def without_friction(record, times: list[float]) -> list[str]:
-    """A sentence if contact nodes slide that a support holds along the boundary: no friction is
-    computed for them. `times` are those of the steps.
+def without_wear(record) -> list[str]:
+    """A sentence if contact nodes slide that a support holds along the boundary: their surface is
+    taken for one that does not wear.
     """
     contact, b = record.operator.structure.contact, record.contact.boundary
-    rubs = record.contact.law.friction_bound(np.ones(len(b.gid))) > 0
-    rubs = rubs | (b.columns.get("wear", np.zeros(len(b.gid))) > 0)
-    held = rubs & (contact.tangential_row[: len(b.gid)] < 0)
+    if "wear" not in b.columns:
+        return []
+    held = (contact.tangential_row[: len(b.gid)] < 0) & (b.columns["wear"] > 0)
     if contact.axisymmetric:  # the axis holds its nodes, and has no circumference to rub
         held &= b.xy[:, 0] > SLIDES * np.abs(b.xy).max(initial=0.0)
-    if not record.effects.frictional or not held.any():
-        return []
+    slip = np.abs(record.states["slip"])
     pressed = np.array(record.states["sigma_n"]) < 0
-    way = [b.way(0.0, time) + np.zeros(len(held)) for time in times]
-    moved = np.diff(np.array(record.states["u_t"]) - way, axis=0, prepend=0.0)
-    sliding = held & (np.abs(moved) * pressed > SLIDES * np.abs(moved).max(initial=0.0)).any(axis=0)
+    sliding = held & (slip * pressed > SLIDES * slip.max(initial=0.0)).any(axis=0)
     if not sliding.any():
         return []
     x, y = b.xy[sliding][0]
     return [f"{np.count_nonzero(sliding)} contact nodes, the first at ({x:.3g}, {y:.3g}), slide "
-            "though a support or prescribed displacement holds them along the boundary: they have "
-            "no friction, in contact forces and reactions alike, and do not wear; let the support "
-            "end before the contact label, or refine there: the part that is missing shrinks with "
-            "the mesh"]
+            "though a support or prescribed displacement holds them along the boundary: no wear is "
+            "computed for them, and they stand out as others wear; let the support end before the "
+            "contact label"]
 
 
 def _moulds(b: ContactBoundary) -> list[str]:

@@ -17,7 +17,7 @@ from ..errors import InputError
 from ..feti.operator import DualOperator
 from ..march.step import Step
 from ..scene import elements, sides, springs
-from .contact_state import JOINTS, constrained_keys
+from .contact_state import HELD, JOINTS, constrained_keys
 from .tables import PROBES
 
 OUTSIDE = 0.25  # of an element's height; nearer ones belong to a curved side that chords cut off
@@ -45,6 +45,7 @@ class Probes:
         self.points = [_Point(number, xy, operator)
                        for number, xy in enumerate(probe.points, 1)]
         self.rows = []  # {column: value}
+        self._first = self._first_of_contact()
 
     def add(self, step: Step, displacements: list[np.ndarray], inner: list[np.ndarray],
             state: dict) -> None:
@@ -58,6 +59,7 @@ class Probes:
             reaction, fixed = np.zeros(sub.dofs), structure.fixed[s]
             if len(fixed):
                 reaction[fixed] = (inner[s] - load)[fixed] + forces[s]
+            self._rub(sub, reaction, state)
             reactions.append(reaction)
             sprung.append(0.0 if sub.springs is None else springs.forces(sub, displacements[s]))
             loads.append(step.weights[self.nodal] @ sub.loads[self.nodal])
@@ -71,6 +73,22 @@ class Probes:
             force = force + self._contact(probe.label, state)
             values = (step.index, step.time, probe.name, *map(float, (*probe.xy, *u, *force)))
             self.rows.append(dict(zip((str(column.name) for column in PROBES), values)))
+
+    def _rub(self, sub, reaction: np.ndarray, state: dict) -> None:
+        """Add the friction of contact nodes that supports hold to what these take, once a node."""
+        b = self.operator.structure.contact.declared
+        for k in np.flatnonzero((state[HELD] != 0) & ~b.paired & (self._first == sub.index)):
+            node = int(np.flatnonzero(sub.node_gid == b.gid[k])[0])
+            reaction[2 * node : 2 * node + 2] += state[HELD][k] * b.tangent[k]
+
+    def _first_of_contact(self) -> np.ndarray:
+        """(n_c,) least number of a subdomain that has the node."""
+        structure, gids = self.operator.structure, self.operator.structure.contact.declared.gid
+        first = np.full(len(gids), np.iinfo(np.int64).max)
+        for sub in structure.subdomains:
+            own = np.isin(gids, sub.node_gid)
+            first[own] = np.minimum(first[own], sub.index)
+        return np.min(self.operator.comm.allgather(first), axis=0)
 
     def _contact(self, label: int | None, state: dict) -> np.ndarray:
         """(2,) force of contact, or of joints, on the body through a label, on either side."""

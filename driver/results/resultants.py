@@ -6,6 +6,7 @@ from ..contact.states import ContactField
 from ..feti.operator import DualOperator
 from ..march.step import Step
 from ..scene import springs
+from .contact_state import HELD
 
 
 def resultants(operator: DualOperator, step: Step, displacements: list[np.ndarray],
@@ -16,7 +17,8 @@ def resultants(operator: DualOperator, step: Step, displacements: list[np.ndarra
     springs react as supports do. `contact` the quantities of the
     contact nodes. `size` (2,) is the sum of the absolute values of all these nodal forces: the
     measure of their balance, because resultants themselves may vanish. A support takes what K u
-    leaves after load and contact forces. Collective.
+    leaves after load and contact forces, and the friction of contact nodes that it holds along the
+    boundary. Collective.
     """
     structure, totals = operator.structure, np.zeros((len(inner), 3, 2))
     forces = operator.forces_on_supports(step.multipliers)
@@ -39,5 +41,7 @@ def resultants(operator: DualOperator, step: Step, displacements: list[np.ndarra
     weight = np.where(b.paired, 0.0, b.weight)  # forces between two bodies cancel
     force = ((contact[ContactField.SIGMA_N] * weight)[:, None] * b.normal
              + (contact[ContactField.SIGMA_T] * weight)[:, None] * b.tangent)
+    rubs = np.where(b.paired, 0.0, contact[HELD])[:, None] * b.tangent
+    reaction = reaction + rubs.sum(axis=0)
     forces = {"load": load, "reaction": reaction, "contact": force.sum(axis=0)}
     return forces, size + np.abs(force).sum(axis=0)

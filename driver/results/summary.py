@@ -204,8 +204,7 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
                 *omissions.warnings(structure.contact.start.declared, problem.effects.rooms,
                                     writer.record.displacements, settings, _softest(problem),
                                     manifest.units),
-                *omissions.without_friction(writer.record,
-                                            [row["time"] for row in writer.history_rows])]
+                *omissions.without_wear(writer.record)]
     if optional.get("validity") and optional["validity"]["verdict"] != "ok":
         doubt = optional["validity"]
         warnings.append(f"results are {doubt['verdict']}: {doubt['reason']}")

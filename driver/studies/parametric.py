@@ -17,7 +17,7 @@ from ..march.uniqueness import DOUBTFUL_FRICTION
 from ..options import Settings
 from ..results import dissipation
 from ..results.boundaries import NODES
-from ..results.contact_state import WEAR, less_wear
+from ..results.contact_state import AXIS, WEAR, less_wear
 from ..results.quantities import chains, contact_length, peak, resultant, traction
 from ..results.record import Record
 from ..results.shares import label_shares
@@ -308,9 +308,24 @@ def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndar
            "uniqueness": solver.uniqueness.verdict, **_cycles(solver)}
     row.pop("step", None)
     row.pop("time", None)
-    warnings = [*ended.warnings, *ended.fallbacks.warnings(), *solver.uniqueness.warnings()]
+    warnings = [*ended.warnings, *ended.fallbacks.warnings(), *solver.uniqueness.warnings(),
+                *_held(problem.manifest, operator.structure.contact, law)]
     status, reason = (failure.exit_status, str(failure)) if failure else (0, "")
     return Outcome(status, reason, row, history, fields, warnings), first
+
+
+def _held(manifest, contact, law) -> list[str]:
+    """A line if nodes may slide that supports hold, which rub in runs alone (contact_state.py)."""
+    b = contact.declared
+    alone = b.tangential_row < 0
+    if b.axisymmetric:
+        alone &= b.xy[:, 0] > AXIS * np.abs(b.xy).max(initial=0.0)
+    rubs = law.friction_bound(np.ones(len(alone))) > 0
+    moved = b.moves or any(p["kind"] == "displacement" for p in manifest.patterns)
+    if not (moved and (alone & rubs).any()):
+        return []
+    return [f"{np.count_nonzero(alone & rubs)} contact nodes that supports hold along the boundary "
+            "have no friction in studies, as they have in runs"]
 
 
 def _cycles(solver) -> dict:

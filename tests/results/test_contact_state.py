@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from driver.contact.states import SLIP
 from driver.contact.states import ContactField as C
-from driver.results.contact_state import MOVED, WORN, ContactState
+from driver.results.contact_state import (MOVED, WORN, ContactState, friction_of_held,
+                                          held_along)
 
 
 def nodes(rng, n=3) -> SimpleNamespace:
@@ -15,7 +17,8 @@ def nodes(rng, n=3) -> SimpleNamespace:
     angle = rng.uniform(0, 2 * np.pi, n)
     normal = np.column_stack([np.cos(angle), np.sin(angle)])
     return SimpleNamespace(
-        gid=np.arange(n), weight=rng.uniform(1, 2, n), normal=normal,
+        gid=np.arange(n), weight=rng.uniform(1, 2, n), normal=normal, axisymmetric=False,
+        xy=np.column_stack([np.arange(n), 0 * np.arange(n)]),
         tangent=np.column_stack([-normal[:, 1], normal[:, 0]]), following=None,
         tangential_row=np.arange(n), columns={"wear": rng.uniform(1, 2, n)},
         term_node=np.repeat(np.arange(n), 3), term_value=np.tile([1.0, -0.5, -0.5], n),
@@ -37,6 +40,7 @@ def made(rng, worn=False) -> ContactState:
     of._travel, of._term, of._nodal = rng.random((2, n, 2)), np.arange(k), lambda moved: moved
     of._weights, of._time, of._before = None, 0.0, None
     of.worn = np.zeros(n) if worn else None
+    of.constrained, of._held = np.zeros((n, 2), bool), np.zeros(n)
     of.law = SimpleNamespace(friction_bound=lambda force: 0.4 * force)
     return of
 
@@ -73,16 +77,36 @@ def test_slips_add_up_to_the_way_over_the_obstacle():
 
 
 def test_a_node_without_a_tangential_row_has_a_bound_and_no_wear():
-    """A support holds it along the boundary: friction bound by its pressure."""
-    of = made(np.random.default_rng(6), worn=True)
-    b = of.boundary
-    b.tangential_row[1] = -1
-    of.rows.tangential, of.rows.tangential_node = np.array([3, 5]), np.array([0, 2])
-    found = of.evaluate(step(1.0, np.arange(1.0, 7.0), np.zeros(2), friction_bound=np.full(2, 9.0)),
-                        np.zeros((9, 2)))
-    np.testing.assert_allclose(found[C.BOUND] * b.weight, [9, 0.4 * 2, 9])
-    assert found["wear"][1] == 0.0 and (found["wear"][[0, 2]] > 0).all()
-    assert found[C.SIGMA_T][1] == 0.0
+    """A support holds it along the boundary: friction bound by its pressure. It slides as its
+    support has it, which takes the friction; held in one direction of a slanted boundary it moves,
+    and has none.
+    """
+    for constrained in ([True, True], [True, False]):
+        of = made(np.random.default_rng(6), worn=True)
+        b = of.boundary
+        b.tangential_row[1], of.constrained[1] = -1, constrained
+        of.rows.tangential, of.rows.tangential_node = np.array([3, 5]), np.array([0, 2])
+        found = of.evaluate(step(1.0, np.arange(1.0, 7.0), np.zeros(2),
+                                 friction_bound=np.full(2, 9.0)), np.zeros((9, 2)))
+        np.testing.assert_allclose(found[C.BOUND] * b.weight, [9, 0.4 * 2, 9])
+        assert found["wear"][1] == 0.0 and (found["wear"][[0, 2]] > 0).all()
+        force = -0.4 * 2 * np.sign(found[C.SLIP][1]) if all(constrained) else 0.0
+        assert found[C.SIGMA_T][1] * b.weight[1] == pytest.approx(force)
+        np.testing.assert_allclose(found["held"], [0.0, -force, 0.0])
+        assert found[C.STATUS][1] == (SLIP if all(constrained) else 1)
+
+
+def test_friction_of_held_nodes_stays_where_they_stop():
+    """Against the slip, up to the bound; what nothing holds has its own."""
+    held, bound = np.array([True, True, True, False]), np.array([2.0, 2.0, 0.5, 2.0])
+    found = friction_of_held(held, bound, np.array([0.1, -0.1, 0.0, 0.1]), np.ones(4))
+    np.testing.assert_array_equal(found, [2.0, -2.0, 0.5, 0.0])
+
+
+def test_nodes_on_an_axis_are_held_by_no_support():
+    b = nodes(np.random.default_rng(1))
+    b.tangential_row[:], b.axisymmetric = -1, True
+    assert held_along(b, np.ones((3, 2), bool)).tolist() == [False, True, True]
 
 
 @pytest.mark.parametrize("skips", [0, 3])

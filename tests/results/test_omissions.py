@@ -158,15 +158,17 @@ include "export.idp"
 
 
 @pytest.mark.parametrize("declared, held", [
-    # both ends of the label, by prescribed displacements or while the floor moves
-    ("macro displacement2() on(2, u1 = 0.01) + on(4, u1 = 0.01) //\nmacro friction() 0.3 //", 2),
+    # both ends of the label, by prescribed displacements, one while the floor moves
+    ("macro displacement2() on(2, u1 = 0.01) + on(4, u1 = 0.01) //\nmacro friction() 0.3 //\n"
+     "macro wear() 1e-4 //", 2),
     ("macro support() on(4, u1 = 0.) //\nmacro obstacleX(t) t //\nmacro friction() 0. //\n"
      "macro wear() 1e-4 //", 1),
-    # what does not slide, or has nothing to rub with
-    ("macro support() on(2, u1 = 0.) + on(4, u1 = 0.) //\nmacro friction() 0.3 //", 0),
+    # what does not slide, or does not wear
+    ("macro support() on(2, u1 = 0.) + on(4, u1 = 0.) //\nmacro friction() 0.3 //\n"
+     "macro wear() 1e-4 //", 0),
     ("macro support() on(4, u1 = 0.) //\nmacro obstacleX(t) t //\nmacro friction() 0. //", 0),
     ("macro support() on(3, u1 = 0.) //\nmacro obstacleX(t) t //\nmacro friction() 0.3 //", 0)])
-def test_nodes_that_are_held_and_slide_are_named(solved, named_scene, declared, held):
+def test_nodes_that_are_held_and_slide_without_wear_are_named(solved, named_scene, declared, held):
     run = solved(named_scene("held", HELD.replace("DECLARED", declared)), steps=2, subdomains=3)
     assert run.status == 0, run.reason
     said = [line for line in run.summary["warnings"] if "holds them along the boundary" in line]

@@ -100,7 +100,7 @@ def test_loads_reactions_and_contact_balance():
                                   contact=SimpleNamespace(declared=b)))
     u = rng.standard_normal(2 * n)
     state = {ContactField.SIGMA_N: np.array([-1.5, -9.0]),
-             ContactField.SIGMA_T: np.array([0.25, 9.0])}
+             ContactField.SIGMA_T: np.array([0.25, 9.0]), "held": np.array([0.75, 9.0])}
     found, size = resultants(operator, SimpleNamespace(weights=np.array([0.5, -2.0]),
                                                        multipliers=None), [u], [inner], state)
     whole = 0.5 * load[0] - 2 * load[1]
@@ -112,7 +112,7 @@ def test_loads_reactions_and_contact_balance():
     contact = 2.0 * (-1.5 * b.normal[0] + 0.25 * b.tangent[0])
     np.testing.assert_allclose(found["load"], whole.reshape(-1, 2).sum(axis=0))
     np.testing.assert_allclose(found["reaction"], react.reshape(-1, 2).sum(axis=0)
-                               + sprung.sum(axis=0))
+                               + sprung.sum(axis=0) + 0.75 * b.tangent[0])
     np.testing.assert_allclose(found["contact"], contact)
     np.testing.assert_allclose(size, np.abs(whole).reshape(-1, 2).sum(axis=0)
                                + np.abs(react).reshape(-1, 2).sum(axis=0)
