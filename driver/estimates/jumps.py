@@ -30,11 +30,15 @@ def carried_on(values: list[float], plan: list[int]) -> float:
     """What a sum over cycles may err by that jumps of a `plan` go on with: `values` are those of
     the computed cycles, of which one after a jump tells what the last one before it has missed.
 
-    Companions with other jumps go on with much the same values. Twice the difference: cycles that
-    were jumped over may lie beyond both.
+    Companions with other jumps go on with much the same values. Where they still settle as in a
+    geometric series the first cycle after the jump knows the next change alone: to come is the sum.
     """
-    return 2 * sum(skip * abs(after - before)
-                   for skip, before, after in zip(plan, values, values[1:]))
+    missed = 0.0
+    for k, skip in enumerate(plan[: len(values) - 1]):
+        change = abs(values[k + 1] - values[k])
+        before = abs(values[k] - values[k - 1]) if k else 0.0
+        missed += skip * change / (1 - change / before if change < before else 1.0)
+    return missed
 
 
 def remedy(words: str, plan: list[int]) -> str:

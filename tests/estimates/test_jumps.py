@@ -15,9 +15,14 @@ def test_jumps_half_as_long_go_as_far(plan, shorter):
 
 
 def test_cycles_after_a_jump_tell_what_it_went_on_with():
-    """Of cycles whose work tends to 1 like 1 + 0.4^k forty are taken for the seventh."""
-    work, plan = [1 + 0.4**k for k in (5, 6, 7, 48)], [0, 0, 40, 0]
+    """Of cycles whose work tends to 1 like 1 + 0.4^k forty are taken for the seventh, and the one
+    after them is the eighth; of work that grows by as much a cycle the one after is the later one.
+    """
+    work, plan = [1 + 0.4**k for k in (5, 6, 7, 8)], [0, 0, 40, 0]
     true = sum(1 + 0.4**7 - (1 + 0.4**k) for k in range(8, 48))
+    assert true <= carried_on(work, plan) <= 1.1 * true
+    work, plan = [1 + 0.1 * k for k in (0, 1, 12)], [0, 10, 0]
+    true = sum(0.1 * k - 0.1 for k in range(2, 12))
     assert true <= carried_on(work, plan) <= 2.1 * true
     assert carried_on([1.0, 1.0, 1.0], [0, 9, 0]) == carried_on([2.0], [0]) == 0.0
 

@@ -208,7 +208,7 @@ def test_jumps_half_as_long_tell_what_jumps_leave():
     found = of._jumps()["slip"]
     assert found.error is not None and found.error > 0
     of.summed = {"slip": [3.0, 2.0, 1.5], "dissipated_energy": [0.0, 0.0, 9.0]}
-    assert of._jumps()["slip"].error == 2 * 9 * 0.5  # which the companion does not see
+    assert of._jumps()["slip"].error == 9 * 0.5 / (1 - 0.5)  # which the companion does not see
 
 
 def test_where_tolerances_cannot_be_tightened_residuals_stay():
