@@ -18,7 +18,7 @@ import numpy as np
 
 from ..qp import complementarity
 from ..qp.complementarity import FEW
-from ..qp.coulomb import OPEN, STICK, CoulombProblem
+from ..qp.coulomb import OPEN, ROUNDING, STICK, CoulombProblem
 from .globalization import CONDENSED_NODES
 
 SMALL = 64  # contact nodes up to which a doubtful step is examined without being asked for
@@ -61,7 +61,7 @@ class Uniqueness:
         """Look for solutions with other forces than x (n + m,); `weight` (n,) of the nodes.
 
         `whole`: whether the problem has all states of all nodes, not one of those of corners.
-        Forces of a norm up to `least` are rounding.
+        Forces of a norm up to `least` are rounding, as are those that the law is open to.
         """
         self.examined += 1
         # exact to rounding, to distinguish it from the others
@@ -75,6 +75,7 @@ class Uniqueness:
         else:
             solutions = complementarity.search(problem, mine)
         forces = np.array([y[: problem.rows] for y in (mine, *solutions)])
+        least = max(least, np.sqrt(problem.rows) * ROUNDING * max(map(problem.scale, forces)))
         apart = np.abs(forces[1:] - forces[0]).max(axis=1, initial=0)
         size = np.abs(forces).max(initial=0.0)
         norm = np.linalg.norm(forces[1:] - forces[0], axis=1)

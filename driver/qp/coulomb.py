@@ -214,18 +214,14 @@ class CoulombProblem:
         return movement + self.motions @ change[self.rows :] if self.k else movement
 
     # ---- the law -------------------------------------------------------------------------------
-    def violation(self, z: np.ndarray, move: np.ndarray | None = None) -> float:
-        """Violation of the law at z, relative to the largest force; inf for NaN.
+    def scale(self, x: np.ndarray) -> float:
+        """The largest force of multipliers x (n + m,), of overlaps that the load alone would make,
+        and of motions.
 
-        `move` (n + m,) is the movement at z, if known.
-
-        Forces are those at z, of overlaps that the load alone would make, and of motions. Openings
-        may be of any size and take no force: they count by what their rounding is worth. So do
-        forces beyond JAMMED times those of loads: with much friction bodies may jam under any.
-        Balance is relative to what acts on motions, if that is less: the lips of a slit may press
-        one another by any force, of which the body that lies loose feels nothing.
+        Openings may be of any size and take no force: they count by what their rounding is worth.
+        So do forces beyond JAMMED times those of loads: with much friction bodies may jam under
+        any.
         """
-        x, move = z[: self.rows], self.movement(z) if move is None else move
         work = np.abs(self.balance / self.reach).max(initial=0)
         overlap = self.load[: self.n]
         overlap = np.where(self.bilateral, np.abs(overlap), np.maximum(overlap, 0.0))
@@ -233,7 +229,17 @@ class CoulombProblem:
                    ROUNDED * np.abs(self.rigidity * self.load).max(initial=0))
         load = max(load, work)
         force = np.abs(x).max(initial=0)
-        force = max(min(force, JAMMED * load) if load > 0 else force, load)
+        return float(max(min(force, JAMMED * load) if load > 0 else force, load))
+
+    def violation(self, z: np.ndarray, move: np.ndarray | None = None) -> float:
+        """Violation of the law at z, relative to `scale`; inf for NaN.
+
+        `move` (n + m,) is the movement at z, if known. Balance is relative to what acts on motions,
+        if that is less: the lips of a slit may press one another by any force, of which the body
+        that lies loose feels nothing.
+        """
+        x, move = z[: self.rows], self.movement(z) if move is None else move
+        force = self.scale(x)
         if not np.isfinite(force) or force == 0:
             return 0.0 if force == 0 else np.inf
         normal, tangential = x[: self.n], x[self.n :]
