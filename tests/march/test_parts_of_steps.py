@@ -537,7 +537,8 @@ def test_what_is_said_of_other_solutions():
     (True, True, 1), (True, False, 0), (False, True, 0), (False, False, 0)])
 def test_a_proof_takes_all_states_and_isolated_solutions(monkeypatch, whole, isolated, proofs):
     """States of corners leave some out, and a singular system may hide a continuum."""
-    problem = SimpleNamespace(n=1, rows=1, k=0, bilateral=np.zeros(1, bool), whole=lambda x: x)
+    problem = SimpleNamespace(n=1, rows=1, k=0, bilateral=np.zeros(1, bool), whole=lambda x: x,
+                              scale=lambda x: float(x[0]))
     for name, value in (("newton", np.ones(1)), ("all_solutions", [np.ones(1)]),
                         ("all_isolated", isolated), ("index", 1)):
         monkeypatch.setattr(complementarity, name, lambda *_, value=value: value)
