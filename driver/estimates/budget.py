@@ -283,6 +283,13 @@ def share(error: float | None, value: float) -> str:
     return f"{percent:.{max(0, min(3, 1 - int(np.floor(np.log10(percent)))))}f} %"
 
 
+def earlier(summary: dict) -> float | None:
+    """The time that the quantities of a `summary` belong to, if it is not the end of the history.
+    """
+    time = summary.get("quantities_time")
+    return None if time is None or time >= summary["t_end"] * (1 - 1e-9) else time
+
+
 def describe(errors: dict, units: dict, time: float | None = None) -> list[str]:
     """The budget as lines of a table, then the error in the energy norm.
 

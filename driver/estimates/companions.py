@@ -3,6 +3,7 @@ its error that follow from them (budget.py).
 """
 
 import dataclasses
+import functools
 import itertools
 
 from ..errors import DriverError
@@ -189,16 +190,16 @@ class Companions:
         """By how much a free peak may exceed the largest displacement, from `pairs` of meshes; zero
         where that is one itself on all of them.
         """
-        def largest(mesh: dict, stride: int) -> tuple[float, float]:
-            level = self.level(mesh, stride)
+        @functools.cache
+        def largest(k: int, stride: int) -> tuple[float, float]:
+            level = self.level(self.meshes[k], stride)
             peak = free_peak(level.solver.operator, level.steps[level.at])
             return level.values["displacement"], peak
 
-        value, runs = self.values["displacement"], list(zip(self.meshes, self.meshes[1:],
-                                                            (1, stride)))[:pairs]
+        value, strides = self.values["displacement"], (1, stride)[:pairs]
         own = free_peak(self.operator, self.step)
-        finer = [(value, own), *(largest(mesh, each) for mesh, _, each in runs[1:])]
-        coarser = [largest(mesh, each) for _, mesh, each in runs]
+        finer = [(value, own), *(largest(k, each) for k, each in enumerate(strides) if k)]
+        coarser = [largest(k, each) for k, each in enumerate(strides, 1)]
         if all(peak >= (1 - ROUNDING) * most for most, peak in finer + coarser):
             return 0.0
         same = list(itertools.takewhile(lambda pair: min(pair) > SAME * own, (

@@ -84,8 +84,8 @@ def _quantities(summary: dict) -> list[str]:
         if name in zero:
             shares = ["about 0", *[""] * (len(sources) - 1)][: len(sources)]
         rows.append([name.replace("_", " "), entry["value"], budget.unit(name, units), *shares])
-    time = summary.get("quantities_time")
-    when = "" if time in (None, summary["t_end"]) else (
+    time = budget.earlier(summary)
+    when = "" if time is None else (
         f"At t = {time:g}, where they are largest: by the end contact is lost.")
     notes = [entry["note"] for entry in entries.values() if "note" in entry]
     return [page.paragraph(when),

@@ -23,16 +23,22 @@ def less_wear(states: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     return states | {ContactField.U_N: states[ContactField.U_N] - states[WEAR]}
 
 
+def without_row(b) -> np.ndarray:
+    """(n_c,) which nodes of a ContactBoundary `b` have no tangential row, as a support holds them.
+
+    Those on the axis of a revolution do not count, which has no circumference to rub.
+    """
+    alone = b.tangential_row < 0
+    return alone & (b.xy[:, 0] > AXIS * np.abs(b.xy).max(initial=0.0)) if b.axisymmetric else alone
+
+
 def held_along(b, constrained: np.ndarray) -> np.ndarray:
     """(n_c,) which nodes of a ContactBoundary `b` a support holds wholly along it.
 
     Of its displacement components `constrained` (n_c, 2) are given. Of a slanted boundary both must
-    be. Nodes on the axis of a revolution do not count, which has no circumference to rub.
+    be.
     """
-    held = (b.tangential_row < 0) & (constrained | (np.abs(b.tangent) < ACROSS)).all(axis=1)
-    if b.axisymmetric:
-        held &= b.xy[:, 0] > AXIS * np.abs(b.xy).max(initial=0.0)
-    return held
+    return without_row(b) & (constrained | (np.abs(b.tangent) < ACROSS)).all(axis=1)
 
 
 def friction_of_held(held: np.ndarray, bound: np.ndarray, slip: np.ndarray,

@@ -5,12 +5,13 @@ import numpy as np
 from ..contact.boundary import ContactBoundary
 from ..options import Settings
 from ..units import split_unit
+from .contact_state import without_row
 
 SHAPED = {"obstacle", "obstacle_motion", "large_sliding", "bilateral"}  # else it is a mould
 SMOOTH, ROUND = np.cos(np.radians((20, 30)))  # normals of neighbours, and of a label's ends
 DIAMOND = 1e12  # Pa: twice its shear modulus
 COARSE = 0.01  # RTOL beyond which forces are guesses; FRICTION_RTOL: ten times that
-SLIDES = 1e-6  # part of the largest slip, or coordinate, that is one
+SLIDES = 1e-6  # part of the largest slip that is one
 OVERLAP, FACETS = 1e-3, 0.05  # of the boundary's size, of a dual segment: what facets may overlap
 
 
@@ -41,12 +42,10 @@ def without_wear(record) -> list[str]:
     """A sentence if contact nodes slide that a support holds along the boundary: their surface is
     taken for one that does not wear.
     """
-    contact, b = record.operator.structure.contact, record.contact.boundary
+    b = record.contact.boundary
     if "wear" not in b.columns:
         return []
-    held = (contact.tangential_row[: len(b.gid)] < 0) & (b.columns["wear"] > 0)
-    if contact.axisymmetric:  # the axis holds its nodes, and has no circumference to rub
-        held &= b.xy[:, 0] > SLIDES * np.abs(b.xy).max(initial=0.0)
+    held = without_row(b) & (b.columns["wear"] > 0)
     slip = np.abs(record.states["slip"])
     pressed = np.array(record.states["sigma_n"]) < 0
     sliding = held & (slip * pressed > SLIDES * slip.max(initial=0.0)).any(axis=0)

@@ -53,13 +53,14 @@ class Probes:
         structure, whole = self.operator.structure, self.operator.with_travel(displacements,
                                                                               step.weights)
         reactions, loads, sprung = [], [], []
+        rubbing = np.flatnonzero((state[HELD] != 0) & ~structure.contact.declared.paired)
         forces = self.operator.forces_on_supports(step.multipliers)
         for s, sub in enumerate(structure.subdomains):
             load = step.weights[: structure.patterns] @ sub.loads
             reaction, fixed = np.zeros(sub.dofs), structure.fixed[s]
             if len(fixed):
                 reaction[fixed] = (inner[s] - load)[fixed] + forces[s]
-            self._rub(sub, reaction, state)
+            self._rub(sub, reaction, state[HELD], rubbing[self._first[rubbing] == sub.index])
             reactions.append(reaction)
             sprung.append(0.0 if sub.springs is None else springs.forces(sub, displacements[s]))
             loads.append(step.weights[self.nodal] @ sub.loads[self.nodal])
@@ -74,12 +75,14 @@ class Probes:
             values = (step.index, step.time, probe.name, *map(float, (*probe.xy, *u, *force)))
             self.rows.append(dict(zip((str(column.name) for column in PROBES), values)))
 
-    def _rub(self, sub, reaction: np.ndarray, state: dict) -> None:
-        """Add the friction of contact nodes that supports hold to what these take, once a node."""
+    def _rub(self, sub, reaction: np.ndarray, force: np.ndarray, own: np.ndarray) -> None:
+        """Add to a subdomain's `reaction` the friction `force` (n_c,) of its `own` contact nodes
+        that supports hold.
+        """
         b = self.operator.structure.contact.declared
-        for k in np.flatnonzero((state[HELD] != 0) & ~b.paired & (self._first == sub.index)):
+        for k in own:
             node = int(np.flatnonzero(sub.node_gid == b.gid[k])[0])
-            reaction[2 * node : 2 * node + 2] += state[HELD][k] * b.tangent[k]
+            reaction[2 * node : 2 * node + 2] += force[k] * b.tangent[k]
 
     def _first_of_contact(self) -> np.ndarray:
         """(n_c,) least number of a subdomain that has the node."""

@@ -25,7 +25,8 @@ def describe(summary: dict, out: Path) -> str:
              *screen.boundaries(summary.get("boundaries", []), summary["units"]),
              *screen.probes(summary.get("probes", []), summary["units"]),
              *screen.cycles(summary.get("cycles"), summary["units"]),
-             *budget.describe(summary.get("errors", {}), summary["units"], _earlier(summary)),
+             *budget.describe(summary.get("errors", {}), summary["units"],
+                              budget.earlier(summary)),
              *prices.describe(summary.get("errors", {}).get("prices")),
              *screen.warnings(summary["warnings"])]
     return "\n  ".join(lines)
@@ -35,12 +36,6 @@ def never_mattered(ledger: dict[str, dict]) -> list[str]:
     """One sentence for every effect that is declared and was not active."""
     return [f"{name.replace('_', ' ')} is declared but {entry['reason']}"
             for name, entry in ledger.items() if entry["declared"] and entry["active"] is False]
-
-
-def _earlier(summary: dict) -> float | None:
-    """The time that the quantities belong to, if it is not the end of the history."""
-    time = summary.get("quantities_time")
-    return None if time is None or time >= summary["t_end"] * (1 - 1e-9) else time
 
 
 def _seconds(seconds: dict) -> str:

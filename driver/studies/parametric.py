@@ -17,7 +17,7 @@ from ..march.uniqueness import DOUBTFUL_FRICTION
 from ..options import Settings
 from ..results import dissipation
 from ..results.boundaries import NODES
-from ..results.contact_state import AXIS, WEAR, less_wear
+from ..results.contact_state import WEAR, less_wear, without_row
 from ..results.quantities import chains, contact_length, peak, resultant, traction
 from ..results.record import Record
 from ..results.shares import label_shares
@@ -317,10 +317,7 @@ def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndar
 def _held(manifest, contact, law) -> list[str]:
     """A line if nodes may slide that supports hold, which rub in runs alone (contact_state.py)."""
     b = contact.declared
-    alone = b.tangential_row < 0
-    if b.axisymmetric:
-        alone &= b.xy[:, 0] > AXIS * np.abs(b.xy).max(initial=0.0)
-    rubs = law.friction_bound(np.ones(len(alone))) > 0
+    alone, rubs = without_row(b), law.friction_bound(np.ones(len(b.gid))) > 0
     moved = b.moves or any(p["kind"] == "displacement" for p in manifest.patterns)
     if not (moved and (alone & rubs).any()):
         return []

@@ -12,7 +12,6 @@ from driver.estimates.budget import Part
 from driver.estimates.companions import Companions
 from driver.estimates.levels import Levels
 from driver.options import Settings
-from driver.runs import outcome
 
 UNITS = {"length": "mm", "stress": "MPa"}
 
@@ -50,7 +49,7 @@ def test_the_budget_is_a_table():
     (1.0, 2.0, 1.0), (2.0, 2.0, None), (None, 2.0, None), (2.0 - 1e-15, 2.0, None)])
 def test_the_time_of_the_quantities_is_said_where_it_is_not_the_end(time, end, said):
     summary = {"t_end": end} | ({} if time is None else {"quantities_time": time})
-    assert outcome._earlier(summary) == said
+    assert budget.earlier(summary) == said
 
 
 def test_the_error_in_the_energy_norm_in_words():
