@@ -14,6 +14,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..feti.gathering import gather
+from ..feti.supports import held_nodes
 from .chains import chains
 from .nodes import contact_table, merge_parts
 
@@ -293,8 +294,3 @@ class FoundNodes:
             about=sides and sides.about, axisymmetric=self.axisymmetric,
             motion=motion and motion.of(order), following=following,
             covered=None if covered is None else covered[order])
-
-
-def held_nodes(gid: np.ndarray, fixed) -> np.ndarray:
-    """True where both displacement components of a vertex are fixed."""
-    return np.isin(2 * gid, fixed[0]) & np.isin(2 * gid + 1, fixed[0])

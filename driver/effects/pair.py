@@ -5,11 +5,13 @@ import copy
 import numpy as np
 
 from ..contact import mortar
+from ..contact.boundary import Configuration
+from ..contact.held import check_passed_on, yielding
 from ..contact.side import Side, before_flanks, rises, sagitta, split
-from ..contact.boundary import Configuration, held_nodes
 from ..errors import InputError
 from ..feti.edges import edge_labels, outward_edges
 from ..feti.gathering import gather
+from ..feti.supports import held_nodes
 from ..scene.loader import Subdomain
 from . import Effect
 
@@ -17,21 +19,24 @@ from . import Effect
 class Room(Effect):
     """The first label of every pair carries the contact nodes, coupled to the second one."""
 
-    def paired_sides(self, subdomains: list[Subdomain], fixed, comm, moved=None) -> "PairSides":
+    def paired_sides(self, subdomains: list[Subdomain], fixed, frictional: bool, comm,
+                     moved=None) -> "PairSides":
         """The boundaries that meet; see PairSides."""
-        return PairSides(self.manifest, subdomains, fixed, comm, moved)
+        return PairSides(self.manifest, subdomains, fixed, frictional, comm, moved)
 
 
 class PairSides:
     """Boundaries that meet in contact pairs, replicated on every rank.
 
-    `fixed` as `fixed_dofs` of feti returns it. `moved`, if given, holds displacements (dofs,) of
-    the rank's subdomains: normals, facing parts and gaps are then those of the displaced
-    boundaries.
+    `fixed` as `fixed_dofs` of feti returns it, `frictional` whether they rub. `moved`, if given,
+    holds displacements (dofs,) of the rank's subdomains: normals, facing parts and gaps are then
+    those of the displaced boundaries.
     """
 
-    def __init__(self, manifest, subdomains: list[Subdomain], fixed, comm, moved=None):
+    def __init__(self, manifest, subdomains: list[Subdomain], fixed, frictional: bool, comm,
+                 moved=None):
         labels, self.fixed, self.about = np.unique(manifest.contact_pairs), fixed, None
+        self.frictional = frictional
         self.axisymmetric = manifest.axisymmetric
         self.nodes = n = 2 if manifest.element == "P1" else 3  # of an edge
         parts = [np.empty((0, 3 + 5 * n))]
@@ -86,6 +91,10 @@ class PairSides:
         sharp[places] = corner
         # at the tip of a crack both sides are one node, which cannot move from itself
         held = held_nodes(gids, self.fixed) | np.isin(gids, others)
+        lost = ~np.isin(gids, others) & yielding(first, second, (gids, others), self.fixed[0],
+                                                 self.frictional, able, reach)
+        check_passed_on(first, one, lost, pairs)
+        held |= lost
         pair = mortar.couple(first, second, held, able, reach, sharp if sharp.any() else None)
         if not pair.weight.any() and reach is None:
             one, two = pairs[0]

@@ -73,7 +73,7 @@ class Companions:
         sizes = [self.manifest.parameters[self.knob]]
         for _ in range(2):
             size = coarser(self.knob, sizes[-1])
-            if size is None or not self._meshed(size):
+            if size is None or not self._meshed(size) or not self._coarser(size, sizes[-1]):
                 break
             sizes.append(size)
         if len(sizes) == 1:
@@ -98,6 +98,18 @@ class Companions:
             self.notes.append(f"companion {name_of(self.knob, size)}: {problem}")
             return False
         return True
+
+    def _coarser(self, size: float, than: float) -> bool:
+        """Whether the mesh of a size is coarser than that of another; if not, a note says so.
+
+        Scenes may limit sizes, or numbers of edges: equal meshes agree, and tell no error.
+        """
+        mesh = {} if than == self.manifest.parameters[self.knob] else {self.knob: than}
+        if self.levels.refines(mesh, {self.knob: size}):
+            return True
+        self.notes.append(f"companion {name_of(self.knob, size)} has no fewer nodes, or no fewer "
+                          f"in contact, than {name_of(self.knob, than)}")
+        return False
 
     def level(self, mesh: dict, stride: int = 1, settings: Settings | None = None,
               quiet: bool = False, plan=None) -> Level | None:

@@ -93,6 +93,13 @@ class Levels:
             self.problems[key] = self._assemble(changes)
         return self.problems[key]
 
+    def refines(self, mesh: dict, other: dict) -> bool:
+        """Whether the body, and its contact boundary, have more nodes on a mesh than on another."""
+        fine, coarse = (self.problem(**changes) for changes in (mesh, other))
+        nodes, contact = ((problem.manifest.nodes, len(problem.structure.contact.gid))
+                          for problem in (fine, coarse))
+        return all(many > few for many, few in zip(nodes, contact) if many)
+
     def _assemble(self, changes: dict) -> Problem:
         if "cycle" not in changes:
             return self.exported(self.place(**changes), changes)

@@ -17,28 +17,8 @@ from .rigid_modes import all_springs, rigid_modes
 from .row_stiffness import left_alone, row_scale, seen_stiffness, shares
 from .rows import LocalRows, RowKind
 from .structure import ContactTable, Substructure
+from .supports import free_along, free_keys
 from .travel import separated
-
-
-def fixed_dofs(manifest: Manifest, subdomains: list[Subdomain],
-               comm) -> tuple[np.ndarray, np.ndarray]:
-    """Sorted keys 2 gid + component of all fixed dofs of the body, and their values (n, patterns).
-
-    Gathered, as a subdomain that touches a support in a vertex may not know of it. Where boundaries
-    meet, one may fix a dof and the other displace it: subdomains that know the first alone have
-    zeros, so the larger value is what the untorn body has.
-    """
-    keys, values = [np.empty(0, np.int64)], [np.empty((0, len(manifest.patterns)))]
-    for sub in subdomains:
-        keys.append(2 * sub.node_gid[sub.dof_node[sub.fixed]] + sub.dof_component[sub.fixed])
-        values.append(sub.fixed_values.T)
-    keys, values = gather(comm, np.concatenate(keys)), gather(comm, np.concatenate(values))
-    order = np.argsort(keys, kind="stable")
-    keys, first = np.unique(keys[order], return_index=True)
-    if not len(keys):
-        return keys, values
-    low, high = (extreme.reduceat(values[order], first) for extreme in (np.minimum, np.maximum))
-    return keys, np.where(high >= -low, high, low)
 
 
 def number(manifest, subdomains, first, skeleton, fixed, contact, comm, frictional,
@@ -54,12 +34,12 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm, friction
                               manifest.axisymmetric)
     corners, fixed_keys = corner_vertices(skeleton), fixed[0]
     is_corner = np.isin(skeleton.gids, corners)
-    corner_keys = np.sort(gather(comm, _free_keys(
+    corner_keys = np.sort(gather(comm, free_keys(
         skeleton.gids[is_corner & skeleton.owned], fixed_keys)))
     stop = first + len(subdomains)
     plain = (skeleton.count == 2) & ~is_corner & skeleton.owned
-    gluing = _free_keys(skeleton.gids[plain], fixed_keys)
-    normal_rows = np.flatnonzero(_acts(contact, contact.normal, fixed_keys))
+    gluing = free_keys(skeleton.gids[plain], fixed_keys)
+    normal_rows = np.flatnonzero(free_along(contact.gid, contact.normal, fixed_keys))
     tangential_rows = np.empty(0, np.int64)
     # where the support fixes the normal direction there is no contact pressure to rub under
     if frictional:
@@ -128,12 +108,6 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm, friction
                         numbering=None if contact.following is None else numbering)
 
 
-def _free_keys(gids: np.ndarray, fixed_keys: np.ndarray) -> np.ndarray:
-    """Keys 2 gid + component of the dofs of vertices (n,) that no support fixes."""
-    keys = (2 * gids[:, None] + [0, 1]).ravel()
-    return keys[~np.isin(keys, fixed_keys)]
-
-
 def _slides(contact, fixed_keys) -> np.ndarray:
     """True for the contact nodes that can slide along the boundary while they touch.
 
@@ -142,17 +116,8 @@ def _slides(contact, fixed_keys) -> np.ndarray:
     sum of the two is determined: all of it is taken for contact's.
     """
     held = np.isin(2 * contact.gid, fixed_keys) | np.isin(2 * contact.gid + 1, fixed_keys)
-    stands = held & ~contact.paired & _acts(contact, contact.normal, fixed_keys)
-    return _acts(contact, contact.tangent, fixed_keys) & ~stands & ~contact.is_joint
-
-
-def _acts(contact, direction: np.ndarray, fixed_keys) -> np.ndarray:
-    """True for the contact nodes whose own displacement in `direction` a support leaves free.
-
-    Between bodies a multiplier that moves only other nodes would nearly repeat theirs.
-    """
-    free = np.column_stack([~np.isin(2 * contact.gid + c, fixed_keys) for c in (0, 1)])
-    return np.abs(direction * free).max(axis=1, initial=0) > 1e-12
+    stands = held & ~contact.paired & free_along(contact.gid, contact.normal, fixed_keys)
+    return free_along(contact.gid, contact.tangent, fixed_keys) & ~stands & ~contact.is_joint
 
 
 def _widen(array: np.ndarray, width: int) -> np.ndarray:

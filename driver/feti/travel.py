@@ -97,7 +97,7 @@ class Travel:
 
 def separated(skeleton, subdomains, fixed, sprung: np.ndarray, comm,
               axisymmetric: bool) -> tuple[tuple[np.ndarray, np.ndarray], Travel]:
-    """The fixed dofs (keys, values) of numbering.fixed_dofs less the travel, and the travel.
+    """The fixed dofs (keys, values) of supports.fixed_dofs less the travel, and the travel.
 
     Bodies of the subdomains `sprung` have none: their springs resist it. Collective over `comm`.
     """

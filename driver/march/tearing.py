@@ -5,9 +5,10 @@ import numpy as np
 from ..contact.boundary import contact_boundary
 from ..contact.corner_pairs import corner_pairs
 from ..effects import Effects
-from ..feti.numbering import fixed_dofs, number
+from ..feti.numbering import number
 from ..feti.skeleton import Skeleton
 from ..feti.structure import Substructure
+from ..feti.supports import fixed_dofs
 from ..scene.loader import Subdomain
 from ..scene.manifest import Manifest
 

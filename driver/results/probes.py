@@ -21,6 +21,7 @@ from .contact_state import HELD, JOINTS, constrained_keys
 from .tables import PROBES
 
 OUTSIDE = 0.25  # of an element's height; nearer ones belong to a curved side that chords cut off
+ON_SIDE = 1e-9  # of an element's height from which a place is on the side
 STEPS = 8  # of Newton's method for a place in a curved triangle, from that in the straight one
 MEANS = {2: (1 / 2, 1 / 2), 3: (1 / 6, 1 / 6, 4 / 6)}  # of shape functions of an edge's nodes
 
@@ -31,7 +32,7 @@ class Probes:
     def __init__(self, operator: DualOperator, manifest, effects):
         """`effects`: those of the scene, with its probes.
 
-        Raises InputError for a point that lies outside the body.
+        Raises InputError for a point that lies outside the body, or in several.
         """
         self.operator, probe = operator, effects.rooms["probe"]
         self.pairs = [*manifest.contact_pairs,
@@ -42,7 +43,8 @@ class Probes:
         edges = [k for k, pattern in enumerate(manifest.patterns)
                  if pattern["given_on"] == "edges"]
         self.labels = [_Label(label, operator, shares, edges) for label in probe.labels]
-        self.points = [_Point(number, xy, operator)
+        joined = [label for joint in effects.joints for label in (joint.first, joint.second)]
+        self.points = [_Point(number, xy, operator, joined)
                        for number, xy in enumerate(probe.points, 1)]
         self.rows = []  # {column: value}
         self._first = self._first_of_contact()
@@ -227,19 +229,26 @@ class _Point:
 
     label = None
 
-    def __init__(self, number: int, xy: np.ndarray, operator: DualOperator):
+    def __init__(self, number: int, xy: np.ndarray, operator: DualOperator, joined: list[int]):
+        """`joined`: labels of boundaries that move with one another."""
         self.name, self.xy, self.subs = f"point{number}", xy, operator.structure.subdomains
         first = operator.structure.first
         # nodes there, of every subdomain
         self.near = [np.linalg.norm(sub.xy - xy, axis=1) <= 1e-9 * np.ptp(sub.xy, axis=0).max()
                      for sub in self.subs]
         found = [(*_nearest(sub, xy), first + s) for s, sub in enumerate(self.subs)]
+        found = [(*place, _on(sub, *place[1:3]), _moves_alike(sub, place[1], joined))
+                 for sub, place in zip(self.subs, found)]
         places = [place for part in operator.comm.allgather(found) for place in part]
         depth = max(place[0] for place in places)
         if depth < -OUTSIDE:
             raise InputError(f"probePoints: ({xy[0]:g}, {xy[1]:g}) lies outside the body")
-        depth = min(depth, -1e-9)  # on common sides any subdomain is as good: the first one
-        _, self.triangle, self.place, owner = next(p for p in places if p[0] >= depth)
+        depth = min(depth, -ON_SIDE)  # on common sides any subdomain is as good: the first one
+        inside = [place for place in places if place[0] >= depth]
+        if len({on for *_, on, alike in inside if not alike}) > 1:
+            raise InputError(f"probePoints: ({xy[0]:g}, {xy[1]:g}) lies in several bodies that "
+                             "touch, or on both sides of a slit; move it into one of them")
+        _, self.triangle, self.place, owner, *_ = inside[0]
         self.own = owner - first
 
     def evaluate(self, s: int, u, reaction, load, sprung,
@@ -265,6 +274,16 @@ def _nearest(sub, xy: np.ndarray) -> tuple[float, int, np.ndarray]:
         parts = _on_curved(sub.corner, xy, parts)
     triangle = int(np.argmax(parts.min(axis=1)))
     return float(parts[triangle].min()), triangle, parts[triangle]
+
+
+def _on(sub, triangle: int, place: np.ndarray) -> frozenset[int]:
+    """Gids of the vertices of the triangle's side, or of the vertex, that a place lies on."""
+    return frozenset(sub.node_gid[sub.triangles[triangle][place > ON_SIDE]].tolist())
+
+
+def _moves_alike(sub, triangle: int, joined: list[int]) -> bool:
+    """Whether the triangle has a vertex on a boundary that is `joined`."""
+    return bool(np.isin(sub.triangles[triangle], sub.edges[np.isin(sub.edge_label, joined)]).any())
 
 
 def _on_curved(corner: np.ndarray, xy: np.ndarray, start: np.ndarray) -> np.ndarray:

@@ -12,9 +12,10 @@
     displacement          largest |u| of a node
 
 Units: stress; stress x length for the resultants; length; stress x length^2 for the energy. Forces
-and energies are per thickness. All but slip and energy belong to one moment, the end of the load
-history; where contact carries nothing then, to the step of the largest normal resultant, and where
-it never does, or there is none, and the body is not deformed then, of the largest displacement.
+and energies are per thickness. All but slip, energy and worn volume belong to one moment, the end
+of the load history; where contact carries nothing then, to the step at which it carries most, and
+where it never does, or there is none, and the body is not deformed then, to that of the largest
+displacement.
 
 Counting nodes tells a length by the mesh size only. Near an edge of contact the opening grows like
 r^(3/2) (Johnson, Contact Mechanics, 4.2 and 5.1), so that its power 2/3 is linear in the arc and
@@ -52,7 +53,8 @@ def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[st
     pressure, weight, pieces = -steps["sigma_n"], nodes["weight"], chains(nodes)
     shares = nodes.get("shares", np.ones((1, len(weight))))
     normal = resultant(shares, pressure, weight)
-    index = _moment(np.abs(normal) if normal.any() else displacement)
+    carried = np.abs(pressure) @ weight  # bilateral contact may push and pull alike
+    index = _moment(carried if carried.any() else displacement)
     size = np.abs(pressure[index])
     peaks = [peak(nodes["arc"][piece], traction(nodes, size, piece)) for piece in pieces]
     values = {"peak_pressure": max(peaks), "normal_resultant": normal[index],
@@ -63,7 +65,7 @@ def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[st
                    "slip": max(longest_ways(nodes, piece, steps)[-1] for piece in pieces),
                    "dissipated_energy": steps["work"].sum()}
     if "worn_volume" in effects.quantities:
-        values["worn_volume"] = steps["wear"][index] @ weight
+        values["worn_volume"] = steps["wear"][-1] @ weight
     return {name: float(values[name]) for name in effects.quantities}, index
 
 

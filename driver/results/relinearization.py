@@ -29,8 +29,8 @@ def linearized(problem: Problem, settings: Settings, comm) -> Problem:
     """The problem with pairs linearized as `settings.linearization` says; collective.
 
     "updated": about the displacements of a run about the initial geometry, at the step that its
-    quantities of interest belong to (the last one, or where contact is lost by then that with the
-    largest normal resultant). Raises InputError where no bodies meet, DriverError of that run.
+    quantities of interest belong to (the last one, or where contact is lost by then that in which
+    it carries most). Raises InputError where no bodies meet, DriverError of that run.
     """
     manifest, structure = problem.manifest, problem.structure
     if settings.linearization == "initial":

@@ -27,6 +27,7 @@ from .tolerances import TOLERANCES
 from .trials import Trials
 
 COARSENING = (8, 4, 2, 1)  # of the scene's own mesh, for the first one that can be had
+FIXED = 1 / 8  # of it, down to which no size has another mesh: it does not depend on the size
 ROOM = 0.85
 CLEAR = 0.25  # of what is allowed may be estimated from two meshes
 LARGEST = 300_000  # nodes; twice as many unknowns
@@ -106,6 +107,24 @@ class Search(Trials):
                 else:
                     raise
 
+    def _skip_equal(self) -> None:
+        """Append the second size, and refine the first one until their meshes differ.
+
+        Scenes may limit their sizes: equal meshes agree, and tell no error.
+        """
+        self.sizes.append(self._halved)
+        while not self._refines(self.sizes[-1]):
+            if self.coarsening <= FIXED:
+                raise InputError(f"{self.knob.upper()} does not change this scene's mesh: ACCURACY "
+                                 "has nothing to choose")
+            self.coarsening /= 2
+            self.sizes = [self.sizes[-1], self._halved]
+
+    def _refines(self, size) -> bool:
+        """Whether a size has a finer mesh than the size before it, or than the last one."""
+        before = self.sizes[-2] if size == self.sizes[-1] else self.sizes[-1]
+        return self.levels.refines(self.mesh(size), self.mesh(before))
+
     def _next(self, entry: dict) -> float:
         """The next mesh size: its estimate is to use up ROOM of what other parts leave."""
         others = sum(entry[s] for s in ("time", "friction", "solver") if s in entry)
@@ -147,7 +166,8 @@ class Search(Trials):
         if self._nodes(size) <= LARGEST:
             with contextlib.suppress(DriverError):  # the search says why, if it comes to it
                 self.level(size)
-                self.sizes.append(size)
+                if self._refines(size):
+                    self.sizes.append(size)
 
     def run(self):
         """Search, leaving the finest run. Raises InputError, NoSolution or NotConverged."""
@@ -183,7 +203,7 @@ class Search(Trials):
         """Run two meshes, choose steps and tolerances on the second one; a third if it is needed.
         """
         self._skip_unsolved()
-        self.sizes.append(self._halved)
+        self._skip_equal()
         second = self.sizes[-1]
         values = self.values(second)
         self.name = self.name or main_quantity(values)
@@ -262,6 +282,10 @@ class Search(Trials):
         except InputError as problem:
             reason = f"{demand}, which cannot be made ({problem}); reached: {reached}"
             raise NotConverged(reason) from None
+        if not self._refines(size):
+            raise NotConverged(f"{demand}, but the scene makes no finer mesh, or no finer contact "
+                               f"boundary, than at {name_of(self.knob, self.sizes[-1])}; reached: "
+                               f"{reached}")
 
     def chosen(self) -> dict[str, str]:
         """The settings as options of the command line."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from driver.feti.numbering import fixed_dofs
+from driver.feti.supports import fixed_dofs
 
 
 def subdomain(nodes, fixed, values):
