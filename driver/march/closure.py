@@ -36,14 +36,15 @@ class Closure:
         self.place = np.searchsorted(self.nodes, self.rows.tangential_node)
         self.slope, self.offset = np.zeros((2, len(self.rooms), len(self.nodes)))
         self.slides = True
+        self.worn = np.zeros(len(self.nodes))  # depth (k,) before the step
 
     def begin_step(self, moving: bool, slides: bool = True) -> None:
         """Gaps grow by what has worn away; tangents of the step before are forgotten.
 
         Where obstacles are `moving` gaps are those of the step already. `slides`: slip counts.
         """
-        worn, self.slides = [room.worn(self.nodes) for room in self.rooms], slides
-        self.rows.gap = (self.rows.gap if moving else self.gap) + sum(worn)
+        self.worn, self.slides = sum(room.worn(self.nodes) for room in self.rooms), slides
+        self.rows.gap = (self.rows.gap if moving else self.gap) + self.worn
         self.slope[:], self.offset[:] = 0.0, 0.0
         self.qp.soften(np.zeros(self.qp.operator.owned))
 

@@ -178,10 +178,11 @@ class FollowingSolver(QuasistaticSolver):
         rows, x = self.rows, step.multipliers
         forces[0, rows.normal_node], forces[1, rows.tangential_node] = (x[rows.normal],
                                                                        x[rows.tangential])
-        status = np.zeros(len(self.contact.gid))
+        status, worn = np.zeros((2, len(self.contact.gid)))
         status[rows.normal_node] = step.status != OPEN
-        values = np.sum(self.operator.comm.allgather(np.vstack([forces, status])), axis=0)
-        normal, tangential, touching = values[:, : len(used.gid)]
+        worn[rows.normal_node] = self.closure.worn
+        values = np.sum(self.operator.comm.allgather(np.vstack([forces, status, worn])), axis=0)
+        normal, tangential, touching, worn = values[:, : len(used.gid)]
         over, pushed = [], []
         for contact in (used, now):
             place = np.searchsorted(self.following.gids, contact.term_gid)
@@ -193,7 +194,7 @@ class FollowingSolver(QuasistaticSolver):
             pushed.append(np.column_stack([
                 np.bincount(place, value * of[node], len(u)) for of in force.T]))
         closed = (touching > 0) & ~used.idle & ~now.idle
-        error = np.where(used.normal_row >= 0, np.maximum(over[1], 0.0), 0.0)
+        error = np.where(used.normal_row >= 0, np.maximum(over[1] - worn, 0.0), 0.0)
         error[closed] = np.abs(over[1] - over[0])[closed]
         scales, moved = self.scales, np.abs(pushed[1] - pushed[0]).max(initial=0.0)
         return max(_over(float(error.max(initial=0.0)), scales.displacement),

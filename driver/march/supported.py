@@ -46,6 +46,8 @@ class SupportedBodies:
 class RigidSurfaces:
     """No node yields by a law of its own: the step's equations are all there is."""
 
+    worn = 0.0
+
     def begin_step(self, moving: bool, slides: bool = True) -> None:
         """Nothing has worn away."""
 
