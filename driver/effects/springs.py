@@ -1,6 +1,12 @@
 """Springs: elastic foundation of boundaries (Winkler), springs at points."""
 
+from ..errors import InputError
 from . import ESTIMATE, Effect, RunFacts, entry
+
+# at a point a body gives way like the logarithm of the element size: with the motions that springs
+# there hold, and so with what follows from them, down to the shares of loads among supports
+FOLLOWING = ("peak_pressure", "normal_resultant", "tangential_resultant", "contact_length", "slip",
+             "dissipated_energy", "worn_volume", "displacement")
 
 
 class Room(Effect):
@@ -9,6 +15,15 @@ class Room(Effect):
     labelled = True
     summary = {"springs": True}
     estimates, why = ESTIMATE, "stresses in equilibrium have no part for what springs carry"
+
+    def __init__(self, name: str, manifest):
+        """Raises InputError for labels that the mesh lacks, and where it is not said what there is.
+        """
+        super().__init__(name, manifest)
+        at_points = self.data.get("at_points")
+        if not isinstance(at_points, bool):
+            raise InputError(f"the manifest does not say where {name} are; run the scene again")
+        self.unlimited = FOLLOWING if at_points else ()
 
     def ledger(self, facts: RunFacts) -> dict[str, dict]:
         """Active in every step: springs follow any displacement."""

@@ -4,7 +4,8 @@ A label's displacement is the mean over its edges, of bodies of revolution over 
 force is what acts on the body through it: tractions, support reactions, springs, point loads,
 contact, joints. Where labels meet, a node's reaction goes to those that the support names as a
 whole (all their nodes are constrained in that direction), in equal parts, and at a support that is
-a point to all labels there; so the forces of all labels add up to those of the scene. A point's
+a point to all labels there, a contact force as shares.py divides it; so the forces of all labels
+add up to those of the scene, and of each body to its own. A point's
 force is the reaction, the springs' and the point load at its vertex.
 """
 
@@ -18,6 +19,7 @@ from ..feti.operator import DualOperator
 from ..march.step import Step
 from ..scene import elements, sides, springs
 from .contact_state import HELD, JOINTS, constrained_keys
+from .shares import label_shares
 from .tables import PROBES
 
 OUTSIDE = 0.25  # of an element's height; nearer ones belong to a curved side that chords cut off
@@ -35,19 +37,20 @@ class Probes:
         Raises InputError for a point that lies outside the body, or in several.
         """
         self.operator, probe = operator, effects.rooms["probe"]
-        self.pairs = [*manifest.contact_pairs,
-                      *([joint.first, joint.second] for joint in effects.joints)]
+        self.joints = [(joint.first, joint.second) for joint in effects.joints]
         self.nodal = [k for k, pattern in enumerate(manifest.patterns)
                       if pattern["given_on"] == "nodes"]
-        shares = _Shares(operator, manifest.rooms.get("springs", {}).get("labels", []))
+        founded = manifest.rooms.get("springs", {}).get("labels", [])
+        self.shares = shares = _Shares(operator, founded)
         edges = [k for k, pattern in enumerate(manifest.patterns)
                  if pattern["given_on"] == "edges"]
         self.labels = [_Label(label, operator, shares, edges) for label in probe.labels]
-        joined = [label for joint in effects.joints for label in (joint.first, joint.second)]
+        joined = [label for pair in self.joints for label in pair]
         self.points = [_Point(number, xy, operator, joined)
                        for number, xy in enumerate(probe.points, 1)]
         self.rows = []  # {column: value}
         self._first = self._first_of_contact()
+        self._first_side = dict(zip(*label_shares(operator.structure)))
 
     def add(self, step: Step, displacements: list[np.ndarray], inner: list[np.ndarray],
             state: dict) -> None:
@@ -102,10 +105,28 @@ class Probes:
         force = (state[ContactField.SIGMA_N][:, None] * b.normal
                  + state[ContactField.SIGMA_T][:, None] * b.tangent) * b.weight[:, None]
         held = whole.is_joint
-        force = np.concatenate([force, -state[JOINTS][:, None] * whole.normal[held]])
-        met = [first for first, second in self.pairs if second == label]
-        return (force[whole.label == label].sum(axis=0)
-                - force[np.isin(whole.label, met)].sum(axis=0))
+        joined, names = -state[JOINTS][:, None] * whole.normal[held], whole.label[held]
+        met = [first for first, second in self.joints if second == label]
+        total = self._first_side.get(label, np.zeros(len(b.gid))) @ force
+        total = total + joined[names == label].sum(axis=0) - joined[np.isin(names, met)].sum(axis=0)
+        for number, pairs in enumerate(b.meeting, 1):
+            total = total + self._second_side(label, b, number, pairs, force)
+        return total
+
+    def _second_side(self, label: int | None, b, family: int, pairs: list,
+                     force: np.ndarray) -> np.ndarray:
+        """(2,) what the nodes of a family of `pairs` pass on to a label of the other body.
+
+        `force` (n_c, 2) is that on their own body. Where second labels meet, in equal parts.
+        """
+        seconds = sorted({second for _, second in pairs})
+        if label not in seconds:
+            return np.zeros(2)
+        terms = np.flatnonzero(b.term_other & (b.family[b.term_node] == family))
+        on = np.array([np.isin(b.term_gid[terms], self.shares.nodes[second])
+                       for second in seconds])
+        part = on[seconds.index(label)] / np.maximum(on.sum(axis=0), 1)
+        return (part * b.term_value[terms]) @ force[b.term_node[terms]]
 
 
 class _Shares:

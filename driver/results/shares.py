@@ -15,7 +15,7 @@ def label_shares(structure: Substructure) -> tuple[np.ndarray, np.ndarray]:
     one.
     """
     b, outer = structure.contact.declared, structure.outer_edges
-    ends = b.edges[(b.edges >= 0).all(axis=1)]  # on rigid obstacles, whose labels may go on
+    ends = np.concatenate([b.edges[(b.edges >= 0).all(axis=1)], _between_bodies(b, outer)])
     gid, place = np.concatenate([b.gid, b.clamped.gid]), np.concatenate([b.xy, b.clamped.xy])
     span = max(outer[:, :2].max(initial=0), gid.max(initial=0)) + 1
     keys = np.sort(outer[:, :2], axis=1) @ [span, 1]
@@ -37,3 +37,16 @@ def label_shares(structure: Substructure) -> tuple[np.ndarray, np.ndarray]:
     total = total[:, : len(b.gid)]
     whole = total.sum(axis=0)
     return labels, np.where(whole > 0, total / np.maximum(whole, 1e-300), plain)
+
+
+def _between_bodies(b, outer: np.ndarray) -> np.ndarray:
+    """(e, 2) nodes of the edges on first labels of pairs, of the `outer` ones (gids, label).
+
+    A corner, whose two nodes are those of one label each, has none.
+    """
+    firsts = [first for pairs in b.meeting for first, _ in pairs]
+    gid, node, count = np.unique(b.gid[b.paired], return_index=True, return_counts=True)
+    gid, node = gid[count == 1], np.flatnonzero(b.paired)[node[count == 1]]
+    edges = outer[np.isin(outer[:, 2], firsts), :2]
+    edges = edges[np.isin(edges, gid).all(axis=1)]
+    return node[np.searchsorted(gid, edges)].reshape(-1, 2).astype(int)
