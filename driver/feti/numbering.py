@@ -10,7 +10,6 @@ from dataclasses import fields
 import numpy as np
 
 from ..scene.loader import Subdomain
-from ..scene.manifest import Manifest
 from .corners import corner_vertices
 from .gathering import gather, largest, lookup
 from .rigid_modes import all_springs, rigid_modes

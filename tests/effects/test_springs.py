@@ -1,10 +1,13 @@
 """Springs: beams on an elastic foundation, forces, and bodies that springs alone support."""
 
 import csv
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from driver.effects import springs
+from driver.errors import InputError
 from driver.files import read_table
 from driver.verify.surfaces import deflection
 
@@ -194,3 +197,31 @@ include "export.idp"
     for point in ("point1", "point2", "point3"):
         assert probed(run, point, "u_y") == pytest.approx(-1 / 18, rel=1e-6)
         assert abs(probed(run, point, "u_x")) < 1e-7
+
+
+@pytest.mark.parametrize("k, known", [(1000, False), (1e-4, True)])
+def test_a_spring_at_a_point_has_no_limit_where_it_matters(solved, named_scene, k, known):
+    """A body that nothing else holds along its floor gives way at the point like log h: no error
+    is claimed of what follows from it; a spring that is soft beside the body's log is no matter.
+    """
+    path = named_scene("held", """include "scene.idp"
+real k = physical("k", 1.);
+real h = meshSize(0.25);
+units("mm", "MPa");
+int n = rint(1./h);
+body = square(2*n, n, [2.*x, y]);
+macro young() 1000. //
+macro poisson() 0.3 //
+macro support() on(1, u2 = 0.) //
+macro load1() traction(2, 1., 0.) //
+macro pointSpring() [0., 1., k, 0.] //
+include "export.idp"
+""")
+    entry = solved(path, k=k, errors="yes").summary["errors"]["quantities"]["displacement"]
+    assert (entry["total"] is not None) == known
+
+
+def test_a_manifest_that_does_not_say_where_springs_are_is_refused():
+    manifest = SimpleNamespace(rooms={"springs": {"labels": []}}, patterns=[], labels=[1])
+    with pytest.raises(InputError, match="does not say where springs are"):
+        springs.Room("springs", manifest)

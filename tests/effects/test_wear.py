@@ -130,3 +130,36 @@ def test_contact_that_pulls_wears_nothing(solved, scene):
         np.cumsum(~pulls, axis=0) == 0)].any()
     away = c["u_n"] - c["gap"] - c["wear"]
     assert np.abs(away).max() < 1e-6 * c["wear"].max()
+
+
+@pytest.mark.parametrize("more", ["", "macro largeSliding() 20. //"], ids=["fixed", "following"])
+def test_worn_contact_lifts_off(solved, named_scene, more):
+    """Pressed, dragged over a plane, lifted: an open node may stay as far beyond the gap as it has
+    worn, also where contact follows the motion.
+    """
+    text = """include "scene.idp"
+units("mm", "MPa");
+border b(t=0, 1) { x = 2.*t; y = 0.; label = 1; }
+border r(t=0, 1) { x = 2. - 0.3*t; y = t; label = 2; }
+border c(t=0, 1) { x = 1.7 - 1.2*t; y = 1.; label = 3; }
+border l(t=0, 1) { x = 0.5 - 0.5*t; y = 1. - t; label = 4; }
+body = buildmesh(b(8) + r(4) + c(5) + l(4));
+quasistatic(3.);
+macro stepTimes() [1., 2.] //
+macro young() 1000. //
+macro poisson() 0.3 //
+macro displacement1() on(3, u1 = 0., u2 = -0.01) //
+macro amplitude1(t) (t < 1. ? t : (t < 2. ? 1. : 1. - 1.2*(t - 2.))) //
+macro contact() 1 //
+macro obstacleX(t) (5.*max(0., min(t, 2.) - 1.)) //
+macro friction() 0.3 //
+macro wear() 1e-4 //
+{more}
+include "export.idp"
+"""
+    run = solved(named_scene(f"lifts-{len(more)}", text.replace("{more}", more)), steps=12)
+    assert run.status == 0, run.reason
+    c = run.contact
+    assert not c["sigma_n"][-1].any() and c["wear"][-1].max() > 0
+    worn = c["wear"][-1] @ c["weight"][-1]
+    assert run.summary["quantities"]["worn_volume"] == pytest.approx(worn, rel=1e-12)

@@ -255,6 +255,7 @@ def test_a_run_that_failed_is_not_tried_again():
 def test_coarser_meshes_as_far_as_there_are_such(sizes, meshes, ratios, note):
     of = companions()
     of.knob, of.manifest.parameters = next(iter(sizes), None), sizes
+    of.levels.refines = lambda fine, coarse: True
     assert of._uniform() == (meshes, pytest.approx(ratios))
     assert note in " ".join(of.notes) and bool(note) == bool(of.notes)
 
@@ -267,6 +268,7 @@ def test_meshes_that_are_refused_end_the_sequence():
             raise InputError("one line")
 
     of.levels.problem, of.manifest.parameters = problem, {"h": 1.0}
+    of.levels.refines = lambda fine, coarse: True
     assert of._uniform() == ([{}, {"h": 2.0}], [2.0])
     assert of.notes == ["companion H=4: one line"]
 
@@ -332,3 +334,25 @@ def test_pressure_and_shear_of_a_uniform_strain(revolved):
     np.testing.assert_allclose(stress[..., 0], 2.0 * np.trace(strain))
     shear = 2 * 1.5 * (strain - np.trace(strain) / 3 * np.eye(3))
     np.testing.assert_allclose((stress[..., 1:] ** 2).sum(axis=-1), (shear**2).sum())
+
+
+def test_equal_meshes_tell_no_error(solved, named_scene):
+    """Of a scene that limits its element size: what coarser sizes do not change is not certain."""
+    path = named_scene("limited", """include "scene.idp"
+real asked = meshSize(0.25), h = min(asked, 0.25);
+units("mm", "MPa");
+int n = rint(1./h);
+body = square(2*n, n, [2.*x, y]);
+macro young() 1000. //
+macro poisson() 0.3 //
+macro displacement1() on(3, u1 = 0., u2 = -0.01) //
+macro contact() 1 //
+macro friction() 0.3 //
+include "export.idp"
+""")
+    errors = solved(path, errors="yes").summary["errors"]
+    assert all(entry["mesh"] is None for entry in errors["quantities"].values())
+    assert "companion H=0.5 has no fewer nodes, or no fewer in contact, than H=0.25" in (
+        errors["notes"])
+    finer = solved(path, errors="yes", h=0.125).summary["errors"]["quantities"]
+    assert finer["normal_resultant"]["mesh"] > 0  # of two meshes

@@ -128,6 +128,73 @@ include "export.idp"
     assert [own["force_x"], own["force_y"]] == pytest.approx(found["label11"], rel=1e-12)
 
 
+TOUCHING = """include "scene.idp"
+units("m", "Pa");
+subdomains("3");
+border b(t=0, 1) { x = 0.1 + 0.8*t; y = 1.; label = 5; }
+border c(t=0, 1) { x = 0.9 + 0.9*t; y = 1.; label = 7; }
+border r(t=0, 1) { x = 1.8 - 0.3*t; y = 1. + 0.6*t; label = 2; }
+border a(t=0, 1) { x = 1.5 - t; y = 1.6; label = 3; }
+border l(t=0, 1) { x = 0.5 - 0.4*t; y = 1.6 - 0.6*t; label = 4; }
+addBody(buildmesh(b(4) + c(4) + r(3) + a(5) + l(3)))
+int[int] left = [11, 12, 16, 14], right = [21, 22, 26, 24];
+addBody(square(4, 4, [0.9*x, y], label = left))
+addBody(square(5, 4, [0.9 + 1.2*x, y], label = right))
+quasistatic(1.);
+macro young() 1e3 //
+macro poisson() 0.3 //
+macro support() on(11, u1 = 0., u2 = 0.) + on(21, u1 = 0., u2 = 0.) //
+macro load1() traction(3, 0.3, -1.) //
+macro amplitude1(t) t //
+macro contactPair() 5, 16, 7, 26 //
+macro friction() 0.5 //
+{more}
+include "export.idp"
+"""
+
+
+def test_labels_of_pairs_that_meet_share_their_vertex(solved, named_scene):
+    """A body that stands on two: each of these gives back what it takes, and the tables of
+    boundaries and of probes agree.
+    """
+    more = "macro probeLabels() [3, 5, 7, 16, 26, 11, 21] //"
+    run = solved(named_scene("two", TOUCHING.replace("{more}", more)), steps=2)
+    force = {row["probe"]: np.array([row["force_x"], row["force_y"]])
+             for row in run.summary["probes"]}
+    scale = np.linalg.norm(force["label3"])
+    for one, other in (("label16", "label11"), ("label26", "label21")):
+        assert np.abs(force[one] + force[other]).max() < 1e-5 * scale
+    assert np.abs(force["label5"] + force["label7"] + force["label3"]).max() < 1e-5 * scale
+    for row in run.summary["boundaries"]:
+        assert [row["force_x"], row["force_y"]] == pytest.approx(force[f"label{row['boundary']}"],
+                                                                 rel=1e-12)
+
+
+@pytest.mark.parametrize("cut", [1, 4])
+@pytest.mark.parametrize("more, reason", [
+    ("macro probePoints() [0.9, 0.5] //", r"\(0.9, 0.5\) lies in several bodies"),
+    ("macro probePoints() [0.7, 1.] //", r"\(0.7, 1\) lies in several bodies"),
+    ("macro pointLoad2() [0.9, 1., 1., 0.] //\nmacro amplitude2(t) t //",
+     r"pointLoad2: 3 vertices lie at \(0.9, 1\)"),
+    ("macro pointSpring() [0.9, 0., 1., 1.] //", r"pointSpring: 2 vertices lie at \(0.9, 0\)")])
+def test_places_of_several_bodies_are_refused(solved, named_scene, more, reason, cut):
+    """Nothing tells which of the bodies is meant, and what follows would hang on their order."""
+    path = named_scene(f"several-{abs(hash(more))}", TOUCHING.replace("{more}", more))
+    run = solved(path, subdomains=cut)
+    assert run.status == 2 and re.search(reason, run.reason), run.reason
+
+
+def test_a_probe_may_lie_between_subdomains_and_on_a_tie(solved, named_scene):
+    """What lies in several bodies that move alike is one place."""
+    tied = TOUCHING.replace("contactPair", "tie").replace("macro friction() 0.5 //", "")
+    tied = tied.replace("{more}", "macro probePoints() [0.7, 1., 1.1, 1.3] //\n"
+                        "macro pointLoad2() [0.45, 1., 0.1, 0.] //\nmacro amplitude2(t) t //")
+    found = [solved(named_scene("tied", tied), subdomains=cut).summary["probes"]
+             for cut in (3, 7)]
+    for one, other in zip(*found):
+        assert one["u_x"] == pytest.approx(other["u_x"], rel=1e-6) and one["u_x"] > 0
+
+
 @pytest.mark.slow  # what ranks put together is in tests/feti/test_ranks.py
 def test_the_number_of_ranks_does_not_matter(block):
     one, four = (block("ranks", "3", np=ranks)[0].directory / "probes.csv" for ranks in (1, 2))

@@ -642,3 +642,27 @@ def test_a_run_of_cycles_says_where_it_began():
     rows[-1]["settled"] = False
     assert summary._cycles(SimpleNamespace(times=np.array([5.0]), period=3.0),
                            rows)["settled_after"] is None
+
+
+def test_wear_is_that_of_the_whole_history():
+    """Also where contact has gone by its end, and the other quantities are those of before."""
+    x = np.arange(5.0)
+    nodes, _ = line(x, x >= 0, 0 * x, 0 * x)
+    pressing = np.array([1.0, 2.0, 0.0])[:, None]
+    steps = {name: np.zeros((3, 5)) for name in ("u_n", "slip", "sigma_t", "work")}
+    steps |= {"sigma_n": -pressing + 0 * x, "wear": np.array([0.0, 0.1, 0.3])[:, None] + 0 * x,
+              "status": np.where(pressing > 0, STICK, OPEN) + 0 * x}
+    effects = SimpleNamespace(contact=True, frictional=False,
+                              quantities=("normal_resultant", "worn_volume"))
+    found, index = q.quantities(effects, nodes, steps, np.ones(3))
+    assert index == 1 and found == pytest.approx({"normal_resultant": 8.0, "worn_volume": 1.2})
+
+
+def test_contact_that_pulls_and_pushes_alike_is_no_lost_contact():
+    """Under a moment bilateral forces cancel; the quantities are those of the last step."""
+    x = np.arange(5.0)
+    nodes, _ = line(x, x >= 0, 0 * x, 0 * x)
+    steps = {name: np.zeros((2, 5)) for name in ("u_n", "slip", "sigma_t", "work")}
+    steps |= {"sigma_n": np.array([-1.0 + 0 * x, 3 * (x - 2)]), "status": np.full((2, 5), STICK)}
+    found, index = q.quantities(declared(), nodes, steps, np.ones(2))
+    assert index == 1 and found["peak_pressure"] > 3

@@ -12,7 +12,7 @@ from test_scenes_hertz import NU, hertz
 
 from driver.arguments import SHARE
 from driver.contact import equilibrium
-from driver.errors import InputError, NoSolution
+from driver.errors import InputError, NoSolution, NotConverged
 from driver.estimates import successive
 from driver.estimates.budget import Part
 from driver.estimates.levels import Levels
@@ -200,7 +200,8 @@ def test_a_third_mesh_is_sized_by_what_two_differ_by(element, coarse, sizes):
         search.first = SimpleNamespace(element=element)
         search._nodes = lambda size: nodes
         search.values = lambda size: {"displacement": coarse if size == 8.0 else fine}
-        search.level = ran.append
+        search.level, search.element = ran.append, {}
+        search.levels = SimpleNamespace(refines=lambda fine, coarse: True)
         search._third()
         assert ran == search.sizes[2:]
         return search.sizes
@@ -223,10 +224,36 @@ def test_what_is_zero_on_coarse_meshes_is_looked_for_on_finer_ones(slides_from, 
     search.effects = SimpleNamespace(frictional=True)
     search.values = lambda size: {"slip": 0.1 * (size <= slides_from), "displacement": 1.0}
     search._skip_unsolved = search._third = lambda: None
+    search.levels, search.element = SimpleNamespace(refines=lambda fine, coarse: True), {}
     search.memoryless = lambda size: chosen.append(size) or False
     search.tighten = chosen.append
     search._prepare()
     assert search.sizes == sizes and chosen == [sizes[-1]] * 2
+
+
+@pytest.mark.parametrize("largest, sizes", [(9.0, [8.0, 4.0]), (3.0, [4.0, 2.0])])
+def test_sizes_that_a_scene_limits_are_not_compared(largest, sizes):
+    """A search begins where two sizes have two meshes; where none have it ends in one line."""
+    search = object.__new__(goal.Search)
+    search.knob, search.element, search.coarsening, search.sizes = "h", {}, 8, [8.0]
+    search.levels = SimpleNamespace(
+        refines=lambda fine, coarse: min(fine["h"], largest) < min(coarse["h"], largest))
+    search._skip_equal()
+    assert search.sizes == sizes
+    search.coarsening, search.levels.refines = 8, lambda fine, coarse: False
+    search.sizes = [8.0]
+    with pytest.raises(InputError, match="H does not change this scene's mesh"):
+        search._skip_equal()
+
+
+def test_a_mesh_that_gets_no_finer_ends_a_search():
+    search = object.__new__(goal.Search)
+    search.knob, search.element, search.sizes, search.asked = "h", {}, [1.0, 0.5, 0.25], 0.01
+    search.name = "slip"
+    search.levels = SimpleNamespace(problem=lambda **mesh: None, refines=lambda *meshes: False)
+    search._nodes = lambda size: 100
+    with pytest.raises(NotConverged, match=r"H=0.1, but the scene makes no finer mesh.* at H=0.25"):
+        search._make(0.1, "3 %")
 
 
 def test_tolerances_are_measured_against_runs_that_are_there():

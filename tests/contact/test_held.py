@@ -1,0 +1,115 @@
+"""Contact nodes between bodies that a support holds in one direction: what passes them on, and what
+is refused.
+"""
+
+import numpy as np
+import pytest
+
+from driver.contact import held
+from driver.contact.side import Side
+from driver.errors import InputError
+
+# a block on a wider one that is pushed up, then sideways; supports of the block by parameters
+TWO = """include "scene.idp"
+units("mm", "MPa");
+subdomains("auto");
+border b(t=0, 1) { x = 1. + t; y = 1.; label = 5; }
+border r(t=0, 1) { x = 2. + 0.1*t; y = 1. + 0.5*t; label = 2; }
+border c(t=0, 1) { x = 2.1 - 1.1*t; y = 1.5; label = 3; }
+border l(t=0, 1) { x = 1.; y = 1.5 - 0.5*t; label = 4; }
+border b2(t=0, 1) { x = 3.*t; y = 0.; label = 11; }
+border r2(t=0, 1) { x = 3. - 0.2*t; y = 1.*t; label = 12; }
+border t2(t=0, 1) { x = 2.8 - 2.8*t; y = 1.; label = 16; }
+border l2(t=0, 1) { x = 0.; y = 1. - t; label = 14; }
+addBody(buildmesh(b(5) + r(3) + c(4) + l(3)))
+addBody(buildmesh(b2(9) + r2(4) + t2(11) + l2(4)))
+quasistatic(2.);
+macro stepTimes() [1.] //
+macro young() 1000. //
+macro poisson() 0.3 //
+macro displacement1() on(11, u1 = 0., u2 = 0.02) + {supports} //
+macro displacement2() on(11, u1 = 0.1, u2 = 0.) + {supports} //
+macro amplitude1(t) min(1., t) //
+macro amplitude2(t) max(0., t - 1.) //
+macro contactPair() 5, 16 //
+{friction}
+macro probeLabels() [3, 4, 5, 16, 11] //
+include "export.idp"
+"""
+RUBS = "macro friction() 0.3 //"
+ROLLER, LEVEL = "on(3, u2 = 0.) + on(4, u1 = 0.)", "on(3, u1 = 0., u2 = 0.) + on(4, u2 = 0.)"
+
+
+def flat(n: int, y: float, up: bool) -> Side:
+    """n edges over [0, 1]."""
+    x, at = np.linspace(0, 1, n + 1), np.arange(n)
+    edges = np.column_stack([at + 1, at] if up else [at, at + 1])
+    return Side(np.column_stack([x, 0 * x + y]), edges,
+                np.tile([0.0, 1.0 if up else -1.0], (n, 1)))
+
+
+def lost(fixed: list, frictional=True, n=4, m=3) -> list[int]:
+    """Nodes that `held.yielding` finds, of n edges on m, for fixed (side, node, component)."""
+    first, second = flat(n, 0.0, up=False), flat(m, 0.0, up=True)
+    keys = np.sort([2 * (node + (n + 1) * side) + c for side, node, c in fixed])
+    gids = np.arange(n + 1), n + 1 + np.arange(m + 1)
+    facing = np.ones((n, m), bool)
+    return np.flatnonzero(held.yielding(first, second, gids, keys, frictional, facing,
+                                        None)).tolist()
+
+
+def test_nodes_are_held_along_what_the_other_body_can_follow():
+    """By normal or tangent; not on a line of symmetry of both, nor along a smooth boundary."""
+    assert lost([(0, 0, 1)]) == lost([(0, 0, 0)]) == [0] == lost([(0, 0, 1)], frictional=False)
+    assert lost([(0, 0, 0)], frictional=False) == []
+    assert lost([(0, 0, 0), (1, 0, 0)]) == lost([(0, 0, 1), (1, 0, 1)]) == []
+    assert lost([(0, 0, 0), (1, 0, 1)]) == [0]
+    assert lost([(0, 2, 1), (0, 3, 0), (0, 3, 1)]) == [2, 3]
+    # whatever the ratio of the meshes at the common end
+    assert lost([(0, 4, 0), (1, 9, 0)], m=9) == lost([(0, 4, 0), (1, 1, 0)], m=1) == []
+
+
+def test_an_edge_between_held_nodes_is_refused():
+    first, labels = flat(3, 0.0, up=False), np.array([5, 5, 7])
+    pairs = [(5, 16), (7, 26)]
+    held.check_passed_on(first, labels, np.array([True, False, True, False]), pairs)
+    with pytest.raises(InputError, match=r"boundary 7 .* \(0.833333, 0\), where 26 can move"):
+        held.check_passed_on(first, labels, np.array([True, False, True, True]), pairs)
+
+
+@pytest.mark.parametrize("element", ["P1", pytest.param("P2", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("supports", [ROLLER, LEVEL], ids=["roller", "level"])
+def test_the_other_body_feels_what_the_tables_report(solved, scene_of, supports, element):
+    """Forces of either body add up to nothing, to the balance that FRICTION_RTOL leaves."""
+    run = solved(scene_of("two", supports), steps=4, element=element)
+    assert run.status == 0, run.reason
+    force = {row["probe"]: np.array([row["force_x"], row["force_y"]])
+             for row in run.summary["probes"]}
+    scale = np.abs(force["label11"]).max()
+    assert np.abs(force["label16"] + force["label11"]).max() < 1e-5 * scale
+    assert np.abs(force["label5"] + force["label16"]).max() < 1e-5 * scale
+    assert np.abs(sum(force[k] for k in ("label3", "label4", "label5"))).max() < 1e-5 * scale
+    assert force["label16"][1] < -1 and abs(force["label16"][0]) > 1
+
+
+@pytest.mark.parametrize("supports, friction", [
+    ("on(5, u2 = 0.)", RUBS), ("on(5, u2 = 0.)", ""), ("on(3, u2 = 0.) + on(5, u1 = 0.)", RUBS)])
+def test_a_side_that_is_held_as_a_whole_is_refused(solved, scene_of, supports, friction):
+    """Else one body would pass through the other, or not feel its friction."""
+    run = solved(scene_of("whole", supports, friction), steps=2)
+    assert run.status == 2 and "where 16 can move: name 16 first" in run.reason
+
+
+def test_what_holds_a_smooth_side_along_itself_is_no_matter(solved, scene_of):
+    run = solved(scene_of("smooth", "on(3, u2 = 0.) + on(5, u1 = 0.)", ""), steps=2)
+    assert run.status == 0 and run.summary["quantities"]["normal_resultant"] > 1
+
+
+@pytest.fixture(scope="module")
+def scene_of(named_scene):
+    """scene_of(name, supports, friction): path of TWO."""
+    def get(name: str, supports: str, friction: str = RUBS):
+        text = TWO.replace("{supports}", supports).replace("{friction}", friction)
+        return named_scene(f"{name}-{abs(hash((supports, friction)))}", text)
+
+    return get
