@@ -504,3 +504,49 @@ macro curved() 1 //
 """ + MATERIAL + 'include "export.idp"\n')
     with pytest.raises(InputError, match="straight sides alone"):
         freefem.export(path, tmp_path / "export", {})
+
+
+BEAD = """include "scene.idp"
+real squeeze = 0.08;
+units("mm", "MPa");
+quasistatic(1.);
+int n = rint(pi/meshSize(0.3));
+border low(t=-pi, 0) { x = 10. + cos(t); y = 1. + sin(t); label = 17; }
+border right(t=1., 2.5) { x = 11.; y = t; label = 6; }
+border top(t=1., -1.) { x = 10. + t; y = 2.5; label = 12; }
+border left(t=2.5, 1.) { x = 9.; y = t; label = 8; }
+body = buildmesh(low(n) + right(n/2) + top(n/2) + left(n/2));
+macro axisymmetric() 1 //
+macro young() 6. //
+macro poisson() 0.4 //
+macro contact() 17 //
+macro curved() 17 //
+macro obstacle(x, y) y //
+macro tresca() 0.05 //
+{moves}
+include "export.idp"
+"""
+
+
+def test_rings_under_an_obstacle_that_moves_have_their_areas(solved, named_scene):
+    """A flange that rises is a bead that sinks: tractions, and forces of a law that has a stress,
+    are the same, to the tolerance of both runs.
+    """
+    ways = {"rises": "macro support() on(12, u2 = 0.) //\nmacro obstacleY(t) squeeze*t //",
+            "sinks": "macro displacement1() on(12, u2 = -squeeze) //\nmacro amplitude1(t) t //"}
+    one, other = (solved(named_scene(name, BEAD.replace("{moves}", moves)), element="P2", steps=2,
+                         rtol=1e-10, friction_rtol=1e-9) for name, moves in ways.items())
+    assert one.status == other.status == 0
+    for name in ("weight", "sigma_n", "sigma_t"):
+        scale = np.abs(one.contact[name]).max()
+        assert scale > 0
+        np.testing.assert_allclose(one.contact[name], other.contact[name], atol=1e-7 * scale)
+
+
+def test_initial_displacements_of_rings_are_no_integrals(built, named_scene):
+    """u_0 . t at the nodes, of a uniform u_0, whatever their normals' lengths are in the export."""
+    moves = "macro support() on(12, u1 = 0., u2 = 0.) //\nmacro initialX() 0.25 //"
+    contact = built(named_scene("initial", BEAD.replace("{moves}", moves)),
+                    element="P2").structure.contact
+    np.testing.assert_allclose(contact.columns["initial"], 0.25 * contact.tangent[:, 0],
+                               atol=1e-3 * 0.25)  # normals of sides that meet are averaged
