@@ -142,6 +142,11 @@ class ContactBoundary:
                    for name in ("normal", "covered", *TERMS))
 
     @property
+    def motion_of_all_times(self):
+        """The ObstacleMotion, also where contact follows it; None: obstacles stand still."""
+        return (self.following or self).motion
+
+    @property
     def start(self) -> "ContactBoundary":
         """That before any load, where contact follows the motion; else the boundary itself."""
         return self if self.following is None else self.following.start

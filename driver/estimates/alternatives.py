@@ -200,7 +200,8 @@ class Alternatives:
         if time and self.companions.effects.frictional:
             for stride in (2, 4):
                 if (steps % stride or self.companions.manifest.cycle_start % stride
-                        or self.companions.stride(stride) != stride):
+                        or self.companions.stride(stride) != stride
+                        or self.companions.misses(stride)):
                     continue
                 level = self.companions.level(self.companions.base, stride)
                 apart = None if level is None else self._apart(level.values, self.companions.base,

@@ -45,6 +45,38 @@ def departures(manifest, stride: int = 1) -> list[Departure]:
     return found
 
 
+def of_obstacles(motion, steps: int, stride: int = 1) -> dict[str, tuple[float, float]]:
+    """Departures of an ObstacleMotion from every `stride`-th of `steps`, and when, by name.
+
+    Relative to the largest value; of what has more times than steps those tell.
+    """
+    every = (len(motion.times) - 1) // steps * stride
+    if every <= 1:
+        return motion.missed
+    parts = {"obstacleX": motion.shift[..., 0], "obstacleY": motion.shift[..., 1],
+             "obstacleAngle": motion.angle, "the distance of an obstacle": motion.gap}
+    found = {}
+    for name, values in parts.items():
+        if len(values) < len(motion.times):
+            continue  # distances of one time, where contact follows the motion
+        moved = values - values[0]
+        # nodes of one obstacle have one history: those of a rigid motion, or unlike distances
+        moved = np.unique(moved.T, axis=0).T
+        away = np.array([_away(motion.times, column, every) for column in moved.T]).T
+        largest = np.abs(moved).max(initial=0.0)
+        if largest > 0:
+            k = int(away.max(axis=1).argmax())
+            found[name] = float(away[k].max() / largest), float(motion.times[k])
+    return found
+
+
+def misses(manifest, motion, stride: int) -> bool:
+    """Whether every `stride`-th step misses what a load or an obstacle does noticeably."""
+    moving = of_obstacles(motion, manifest.steps, stride) if motion else {}
+    return bool(departures(manifest, stride)) or any(size > NOTICEABLE
+                                                     for size, _ in moving.values())
+
+
 def _away(times: np.ndarray, fine: np.ndarray, every: int) -> np.ndarray:
     """Distances of a history from the lines through `every` so many-th value of it."""
     ends = np.unique(np.r_[0, np.arange(len(fine) - 1, -1, -every)])
@@ -91,8 +123,8 @@ def warnings(manifest, motion=None) -> list[str]:
     lines = [f"{name} departs by {100 * size:.0f} % of its largest value from the steps, most at "
              f"time {time:.4g}: they miss where the obstacle is there; "
              f"STEPS={2 * manifest.steps}, or stepTimes, follows it better"
-             for name, (size, time) in (motion.missed if motion else {}).items()
-             if size > NOTICEABLE]
+             for name, (size, time) in (of_obstacles(motion, manifest.steps) if motion
+                                        else {}).items() if size > NOTICEABLE]
     for d in departures(manifest):
         better = steps_at(d.kinks, manifest.steps, manifest.t_end)
         remedy = ("no number of equal steps that was looked at does better: a jump needs a ramp, a "

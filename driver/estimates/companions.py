@@ -12,7 +12,7 @@ from ..march.step import Step
 from ..options import Settings
 from ..results.record import Record
 from . import caution, jumps, unresolved
-from .between_steps import departures
+from .between_steps import misses
 from .budget import (OF_TIME, Part, advice, coarser, extrapolate, formal_order, mesh_knob, name_of,
                      located, ratio, summed)
 from .free_peak import free_peak
@@ -167,8 +167,11 @@ class Companions:
         """That of the times at which the two coarser meshes are compared: every second one, if
         histories with friction do not turn in between, whose end depends on the way.
         """
-        turns = self.effects.frictional and departures(self.manifest, 2)
-        return 1 if turns else self.stride(2)
+        return 1 if self.effects.frictional and self.misses(2) else self.stride(2)
+
+    def misses(self, stride: int) -> bool:
+        """Whether every `stride`-th time misses what the history does."""
+        return misses(self.manifest, self.operator.structure.contact.motion_of_all_times, stride)
 
     def _mesh(self) -> dict[str, Part]:
         """Coarser meshes, the coarsest against the middle one, at fewer times; held within what
@@ -232,7 +235,7 @@ class Companions:
         steps = self.manifest.steps
         coarser_by = [by for by in (2, 4) if steps >= MANY or not steps % by]
         if self.effects.frictional and (steps < FEW or not coarser_by
-                                        or departures(self.manifest, FEW)):
+                                        or self.misses(FEW)):
             return self._more_time()
         strides = [1, *coarser_by] if self.effects.frictional else [1, 2]
         strides = [stride for stride in strides if stride <= steps]

@@ -5,6 +5,7 @@ from .budget import Part, share, vanishing
 from .caution import by_balance
 
 COARSE = 0.5  # relative error in energy from which coarser meshes tell nothing of a finer one
+FINE = 0.02  # the same up to which a body is resolved as a whole, however few its contact nodes
 FEWEST = {"P1": 5}  # nodes in contact below which they tell nothing of it: four sides ...
 QUADRATIC = 7  # ... or three, of quadratic elements
 LONE = 0.1  # of the pressing force in areas of contact of a node or two: it acts where a node is
@@ -38,22 +39,22 @@ def parts(values: dict, error: float, touch: Touch, element: str, adjoint: bool,
     """Parts without an error, of those quantities in `values` of which the mesh tells none.
 
     Where contact opens and slips between its few nodes coarser meshes may agree by chance; of
-    displacements and resultants `adjoint` problems see the whole body's error if there are any,
-    but of a round boundary a node or two that carry all have one direction, and where areas of
+    displacements and resultants `adjoint` problems see the whole body's error if there are any (of
+    displacements so does an error in energy that is FINE), but of a round boundary a node or two that carry all have one direction, and where areas of
     contact have no more nodes their force acts at a node. `error`: of energy_error; `unseen`: these
     problems are blind.
     """
-    reason, spared = "", OF_BODIES if adjoint else ()
+    placed = OF_BODIES[-1:] if adjoint or error <= FINE else ()
+    reason, spared = "", OF_BODIES if adjoint else placed
     if error > COARSE:
         reason = f"its error in the energy norm is {100 * error:.0f} %"
     if 0 < touch.nodes < FEWEST.get(element, QUADRATIC):
         reason = f"{touch.nodes} nodes are in contact"
     if touch.lone > LONE:
         reason = f"areas of contact of a node or two carry {share(touch.lone, 1.0)} of the force"
-        spared = OF_BODIES[-1:] if adjoint else ()
+        spared = placed
     if 0 < touch.round < PRESSING:
-        reason = "a node or two of a round boundary carry all"
-        spared = OF_BODIES[-1:] if adjoint else ()
+        reason, spared = "a node or two of a round boundary carry all", placed
     if unseen:
         reason, spared = "smoothed stresses miss most of its error in energy", OF_BODIES[-1:]
     names = [name for name in values if reason and name not in spared]

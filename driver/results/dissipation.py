@@ -101,7 +101,7 @@ def of_run(solver, law, boundary) -> Dissipation:
     What acts at time 0 are loads that are not zero, and travel of whole bodies.
     """
     operator = solver.operator
-    motion = (boundary.following or boundary).motion  # where contact follows: of all times
+    motion = boundary.motion_of_all_times
     units = np.eye(operator.structure.patterns, operator.structure.patterns + operator.modes)
     acts = [bool(operator.elastic_response(unit).any() or operator.rigid_response(unit).any())
             for unit in units]

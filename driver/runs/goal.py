@@ -47,7 +47,7 @@ class Search(Trials):
         self.enough = 3  # meshes
         smooth = not quantity or quantity in SMOOTH  # as the main quantities are
         self._begin(smooth and "element" not in levels.parameters)
-        self.follow(self.first)
+        self.follow(self.levels.problem(**self.mesh(self.sizes[0])))
 
     def _begin(self, quadratic: bool) -> None:
         """Have the coarsest mesh made; `quadratic` as of `_first`."""

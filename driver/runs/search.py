@@ -6,6 +6,7 @@ import time
 from pathlib import Path
 
 from ..errors import DriverError, NoSolution, error_of
+from ..estimates import between_steps
 from ..estimates.budget import share
 from ..results.summary import largest_memory
 from . import goal, trials
@@ -52,12 +53,16 @@ class Tried:
         self.effects, self.knob = search.effects, search.knob
         self.meshes = [search.mesh(size) for size in search.sizes[:-4:-1]]
         self.base, self.values = self.meshes[1], search.values(search.sizes[-1])
-        self.levels.problems[()] = problem
+        self.levels.problems[()], self.motion = problem, search.motion
         self.coarse_stride = self.stride(2)
 
     def stride(self, wanted: int) -> int:
         """As of estimates.companions.Companions."""
         return max(stride for stride in (1, 2, 4) if stride <= min(wanted, self.manifest.steps))
+
+    def misses(self, stride: int) -> bool:
+        """As of estimates.companions.Companions."""
+        return self.effects.frictional and between_steps.misses(self.manifest, self.motion, stride)
 
     def level(self, mesh: dict, stride: int = 1, quiet: bool = True):
         """A run on a mesh at every `stride`-th of the chosen steps, None if it fails."""
@@ -84,7 +89,7 @@ def _prices(search: goal.Search, problem, output: float, memory: float, idle: fl
 def _write(directory: Path, request: Request, search: goal.Search, status: int, reason: str,
            clock: float, idle: float) -> None:
     """Results of the finest run, as an ordinary run leaves them."""
-    from ..estimates import validity
+    from ..estimates import soundness, validity
     from ..results import summary
     from ..results.writer import Writer
 
@@ -93,10 +98,15 @@ def _write(directory: Path, request: Request, search: goal.Search, status: int, 
     problem = _as_asked(search, levels.problem(**size))
     writer = Writer(directory, problem.manifest, problem.operator, level.solver, request.fields)
     states, energies = zip(*(writer.add(step) for step in level.steps))
-    checked = {len(states) - 1, max(range(len(states)), key=energies.__getitem__)}
+    most = max(range(len(states)), key=energies.__getitem__)
+    checked = {len(states) - 1, most}
     valid = validity.assess(problem, writer.contact,
                             [(level.steps[k], states[k]) for k in sorted(checked)])
     writer.close()
+    level.solver.history.warnings += [
+        *soundness.warnings(problem, level.steps[most]),
+        *(between_steps.warnings(problem.manifest, search.motion) if search.effects.frictional
+          else [])]
     budget, chosen = search.budget(), search.chosen()
     entry = budget[search.name]
     settings = " ".join(f"{name}={value}" for name, value in chosen.items())

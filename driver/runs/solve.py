@@ -226,7 +226,7 @@ def _march(directory: Path, request: Request, problem: Problem, solver: Quasista
     history.warnings += soundness.warnings(problem, estimator.largest and estimator.largest[1])
     if problem.effects.frictional:  # else the end does not depend on the way
         history.warnings += between_steps.warnings(
-            problem.manifest, problem.structure.contact.motion)
+            problem.manifest, problem.structure.contact.motion_of_all_times)
     with agreed_writes(comm):
         progress.close(str(failure or "converged"))
     return resumed, before, failure

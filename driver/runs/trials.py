@@ -2,8 +2,9 @@
 
 A search (goal.py) looks for meshes; this tells the steps and tolerances that go with them.
 
-steps       5, 10, 20, ... until the part of the time step is below TIME of what is allowed; their
-            times are from one finely sampled history; one where the end does not depend on the way
+steps       5, 10, 20, ..., from the first that miss nothing noticeable of loads and obstacles,
+            until the part of the time step is below TIME of what is allowed; their times are from
+            one finely sampled history; one where the end does not depend on the way
 tolerances  RTOL, FRICTION_RTOL start far above what single runs use and are tightened until a
             hundredth of them would change the quantity by less than ALGEBRAIC of what is allowed,
             so that nothing is solved beyond the discretization error; with many steps, whose
@@ -20,6 +21,7 @@ import math
 from ..effects import Effects
 from ..effects.quasistatic import proportional
 from ..errors import DriverError, NotConverged
+from ..estimates.between_steps import misses
 from ..estimates.budget import SOURCES, Part, extrapolate, formal_order, ratio, share, summed
 from ..estimates.companions import LEFT
 from .tolerances import TIGHTER, left, much_tighter, scaled, tightened
@@ -50,12 +52,25 @@ class Trials:
         """Start from the mesh of a size, which the parameter `knob` sets, and of an element."""
         self.knob, self.element, self.sizes = knob, element, [size]
 
-    def follow(self, manifest) -> None:
-        """Take the history of the scene's `manifest`, in as few steps as the choice starts with."""
+    def follow(self, problem) -> None:
+        """Take the history of a `problem` of the scene, in as few steps as the choice starts with.
+
+        Where friction remembers the way they miss nothing noticeable of it, unless the scene's own
+        number of steps does.
+        """
+        manifest = self.history = problem.manifest
+        self.motion = problem.structure.contact.motion_of_all_times
         self.effects, self.total = Effects(manifest), manifest.steps
         # a power of two that ends where histories turn
-        longest = math.gcd(SAMPLING * FEWEST, self.total, manifest.cycle_start)
-        self.stride = longest if self.effects.quasistatic else 1
+        self.stride = 1
+        if self.effects.quasistatic:
+            self.stride = math.gcd(SAMPLING * FEWEST, self.total, manifest.cycle_start)
+            while self.stride > SAMPLING and self._misses(self.stride):
+                self.stride //= 2
+
+    def _misses(self, stride: int) -> bool:
+        """Whether every `stride`-th time misses what the history does, where that matters."""
+        return self.effects.frictional and misses(self.history, self.motion, stride)
 
     # ---- runs ------------------------------------------------------------------------------------
     def mesh(self, size) -> dict:
@@ -92,16 +107,17 @@ class Trials:
         The smallest stride tried is `finest`, by default that of the scene's own steps.
         """
         finest = finest or SAMPLING
-        fewest, self.timed = 2 * self.stride if "time" in self.parts else self.stride, size
+        fewest, self.timed = self.stride, size
+        if "time" in self.parts and not self._misses(2 * self.stride):
+            fewest = 2 * self.stride
         strides = [fewest, max(1, fewest // 2)]
         runs = [self.values(size, stride) for stride in strides]
         while not self._in_time(runs) and strides[-1] > finest:
             strides.append(strides[-1] // 2)
             runs.append(self.values(size, strides[-1]))
         self.stride, most = strides[-1], self.parts["time"]
-        # fewer steps err by what they differ by and what the most err by
         for stride, run in zip(strides[:-1], runs):
-            errors = {q: Part(abs(run[q] - runs[-1][q]) + most[q].error) for q in run}
+            errors = _beside(run, runs[-1], most)
             if errors[self.name].error <= TIME * self.asked * abs(run[self.name]):
                 self.stride, self.parts["time"] = stride, errors
                 return
@@ -150,9 +166,15 @@ class Trials:
 
     def renew_time(self, size) -> None:
         """The time step's part of the error on a finer mesh, against half the steps."""
-        if "time" in self.parts and self.stride < self.total and size != self.timed:
-            self.timed = size
-            self._in_time([self.values(size, 2 * self.stride), self.values(size)])
+        if "time" not in self.parts or self.stride == self.total or size == self.timed:
+            return
+        self.timed, own = size, self.values(size)
+        if self.stride == 1 or not self._misses(2 * self.stride):
+            self._in_time([self.values(size, 2 * self.stride), own])
+            return
+        finer = self.values(size, self.stride // 2)
+        self._in_time([own, finer])
+        self.parts["time"] = _beside(own, finer, self.parts["time"])
 
     @property
     def words(self) -> str:
@@ -208,3 +230,8 @@ class Trials:
         order = [source for source in SOURCES if source in self.parts]
         return {q: summed({source: self.parts[source][q] for source in order}, value)
                 for q, value in values.items()}
+
+
+def _beside(run: dict, finer: dict, parts: dict[str, Part]) -> dict[str, Part]:
+    """Parts of a run: what it differs by from one with more steps, and what that errs by."""
+    return {q: Part(abs(run[q] - finer[q]) + parts[q].error) for q in run}
