@@ -3,7 +3,6 @@
 import atexit
 import contextlib
 import ctypes
-import functools
 import importlib.util
 import mmap
 import os
@@ -296,12 +295,12 @@ def mpirun(ranks: int, env: dict[str, str] | None = None) -> list[str]:
     return [*start, "-n", str(ranks), program("setpriv"), "--pdeathsig", "KILL"]
 
 
-@functools.cache
 def place_of_mpirun() -> str:
-    """A directory for what mpirun keeps while it runs, gone when this process ends.
+    """A new directory for what one mpirun keeps while it runs, gone when this process ends.
 
     Left to themselves all of a user share one that the last of them removes; one that starts at
-    that moment fails (Open MPI issue 8510: here one of 1,500, two at a time). Raises InputError.
+    that moment fails (Open MPI issue 8510: here one of 1,500, two at a time). So do two that make
+    it at one moment, as FreeFEM's and the solver's of one run: one of 100. Raises InputError.
     """
     try:
         place = tempfile.mkdtemp(prefix="driver-mpi-")

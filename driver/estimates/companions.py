@@ -107,8 +107,8 @@ class Companions:
         mesh = {} if than == self.manifest.parameters[self.knob] else {self.knob: than}
         if self.levels.refines(mesh, {self.knob: size}):
             return True
-        self.notes.append(f"companion {name_of(self.knob, size)} has no fewer nodes, or no fewer "
-                          f"in contact, than {name_of(self.knob, than)}")
+        self.notes.append(f"companion {name_of(self.knob, size)} has no fewer triangles, or no "
+                          f"fewer sides in contact, than {name_of(self.knob, than)}")
         return False
 
     def level(self, mesh: dict, stride: int = 1, settings: Settings | None = None,

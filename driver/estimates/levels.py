@@ -94,11 +94,18 @@ class Levels:
         return self.problems[key]
 
     def refines(self, mesh: dict, other: dict) -> bool:
-        """Whether the body, and its contact boundary, have more nodes on a mesh than on another."""
-        fine, coarse = (self.problem(**changes) for changes in (mesh, other))
-        nodes, contact = ((problem.manifest.nodes, len(problem.structure.contact.gid))
-                          for problem in (fine, coarse))
-        return all(many > few for many, few in zip(nodes, contact) if many)
+        """Whether the body and its contact boundary have more elements on a mesh than on another.
+
+        Collective.
+        """
+        fine, coarse = (self._elements(self.problem(**changes)) for changes in (mesh, other))
+        return all(many > few for many, few in zip(fine, coarse) if many)
+
+    def _elements(self, problem: Problem) -> np.ndarray:
+        """(2,) numbers of triangles, and of their sides with contact labels; collective."""
+        subs, labels = problem.structure.subdomains, problem.manifest.contact_labels
+        own = [(len(sub.triangles), np.isin(sub.edge_label, labels).sum()) for sub in subs]
+        return np.sum([count for part in self.comm.allgather(own) for count in part], axis=0)
 
     def _assemble(self, changes: dict) -> Problem:
         if "cycle" not in changes:

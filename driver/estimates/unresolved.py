@@ -44,7 +44,7 @@ def parts(values: dict, error: float, touch: Touch, element: str, adjoint: bool,
     contact have no more nodes their force acts at a node. `error`: of energy_error; `unseen`: these
     problems are blind.
     """
-    placed = OF_BODIES[-1:] if adjoint or error <= FINE else ()
+    placed = OF_BODIES[-1:] if adjoint or 0 < error <= FINE else ()  # zero is unknown
     reason, spared = "", OF_BODIES if adjoint else placed
     if error > COARSE:
         reason = f"its error in the energy norm is {100 * error:.0f} %"

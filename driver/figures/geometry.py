@@ -102,7 +102,8 @@ def _modulus(run: Run, value: float) -> str:
 
 def _boundary_handles(role: np.ndarray, loaded: np.ndarray) -> list:
     """Legend entries for the parts of the boundary that occur, and for arrows elsewhere."""
-    names = {"load": r"$\Gamma_p$ traction", "contact": r"$\Gamma_c$ contact, rigid obstacle",
+    names = {"load": r"$\Gamma_p$ traction",
+             "contact": r"$\Gamma_c$ contact, rigid obstacle (drawn a little apart)",
              "pair": r"$\Gamma_c$ contact of bodies", "springs": "elastic foundation",
              "joined": "tied or periodic", "free": "free"}
     handles = [Line2D([], [], color=LINES[n], lw=1 if n == "free" else 2.2, label=text)

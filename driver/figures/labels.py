@@ -15,6 +15,7 @@ MOST_LABELS = 30
 ALONG = (0.5, 0.25, 0.75, 0.1, 0.9)  # where on a piece of boundary, in the order of preference
 INSIDE, OUTSIDE, AWAY = 0.032, 0.04, 0.075  # of the body's size: distance from the boundary
 APART, CLEAR = 0.045, 0.026  # of the body's size: from another number, from an arrow
+TOUCHING = 0.3  # of a number's distance from its boundary, by which another one may be nearer
 # what there is against a place
 CROWDED, FOREIGN, CROSSED, LED, OUTER, BUSY, FAR = 5.0, 4.0, 3.0, 1.5, 0.5, 0.5, 0.4
 
@@ -83,7 +84,9 @@ def _against(candidate: tuple, own: np.ndarray, edges: tuple, size: float, taken
         return against + FOREIGN * (away.min() < CLEAR * size)
     nearest = away.min() + 1e-9 * size
     wanted = np.linalg.norm(place - point)
-    return against + FOREIGN * (away[own].min() > nearest or nearest < 0.75 * wanted)
+    # bodies that touch have two boundaries in one place, but for their polygons
+    foreign = away[own].min() > nearest + TOUCHING * wanted
+    return against + FOREIGN * (foreign or nearest < 0.75 * wanted)
 
 
 def _arrows(axes) -> tuple[np.ndarray, np.ndarray]:

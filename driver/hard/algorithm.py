@@ -44,5 +44,5 @@ CASES = [
          reason="stagnated", fast=True),
     Case("one iteration of the fixed point", BLOCK, {"MAX_FIXED_POINT": 1}, status=4,
          reason="no fixed point.* in 1 iterations"),
-    Case("two products a QP", BLOCK, {"MAX_PRODUCTS": 2}, status=4, reason="2 products"),
+    Case("two products a QP", BLOCK, {"MAX_PRODUCTS": 2}, status=4, reason="products used: 2"),
 ]

@@ -142,6 +142,6 @@ def _as_asked(search: goal.Search, problem):
         rooms = {**rooms, "cycles": {**cycles, "start": cycles["start"] // search.stride}}
     return dataclasses.replace(problem, manifest=dataclasses.replace(
         manifest, rooms=rooms, steps=search.steps,
-        parameters={**parameters, "steps": search.steps},
+        parameters={**parameters, "steps": search.steps}, between=search.history.between,
         amplitudes={name: values[:: search.stride]
                     for name, values in manifest.amplitudes.items()}))

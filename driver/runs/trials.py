@@ -58,7 +58,9 @@ class Trials:
         Where friction remembers the way they miss nothing noticeable of it, unless the scene's own
         number of steps does.
         """
-        manifest = self.history = problem.manifest
+        manifest = problem.manifest
+        # of a history that is sampled so finely nothing is known between the samples
+        self.history = dataclasses.replace(manifest, between=manifest.amplitudes)
         self.motion = problem.structure.contact.motion_of_all_times
         self.effects, self.total = Effects(manifest), manifest.steps
         # a power of two that ends where histories turn

@@ -38,8 +38,8 @@ MEANINGS = (
                          "left, or one without elements: is the element size (H) too large?"),
     (r"Assertion fail", "a mesh that FreeFEM cannot work with: triangles that are flat, vertices "
                         "that are no numbers or coincide"),
-    (r"mesh generator", "a mesh with triangles that are flat or run clockwise, or with vertices "
-                        "that coincide"),
+    (r"mesh generator", "a mesh with triangles or edges that are there twice, overlap, are flat or "
+                        "run clockwise, or with vertices that coincide"),
     (r"Mesh IO Error|Erreur Lecture", "a mesh file that is damaged or not there"),
     (r"Strange catch exception", "not enough memory for a mesh of this size: is the element size "
                                  "(H) far too small, or is CELLS or SUBDOMAINS far too large?"))

@@ -245,9 +245,9 @@ def check_fixed_labels(scene: Path, manifest: Manifest) -> None:
         for label in re.findall(r"\bon\(\s*(\d+)\s*,", code):
             if int(label) not in manifest.labels:
                 raise InputError(
-                    f"{name} line {number}: on({label}, ...) names a label that the mesh "
-                    f"lacks; it has {', '.join(map(str, manifest.labels))} (a line inside a body "
-                    "is no boundary: make two bodies of it by addBody)")
+                    f"{name} line {number}: on({label}, ...) names no boundary of the mesh, whose "
+                    f"labels are {', '.join(map(str, manifest.labels))} (a line inside a body is "
+                    "none: make two bodies of it by addBody)")
 
 
 def check_regions(scene: Path, manifest: Manifest) -> None:

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from driver.contact.motion import ObstacleMotion
 from driver.estimates import between_steps
 from driver.scene.manifest import read_manifest
 
@@ -110,3 +111,37 @@ def test_proportional_loading_has_no_share_of_time(budget_of):
     found = budget_of("model", loading="monotone", cells=4, steps=1)
     for entry in found["quantities"].values():
         assert entry["time"] <= 1e-5 * abs(entry["value"])
+
+
+def obstacles(history, steps: int, nodes: int = 3, t_end: float = 2.0) -> ObstacleMotion:
+    """Obstacles that sink by a history, of several nodes alike."""
+    times = np.linspace(0.0, t_end, steps + 1)
+    sunk = np.tile([history(t) for t in times], (nodes, 1)).T
+    none, shift = np.zeros((nodes, 2)), np.zeros((steps + 1, nodes, 2))
+    shift[..., 1] = sunk
+    return ObstacleMotion(times, 5.0 + sunk, shift, 0 * sunk, none, none, none,
+                          missed={"obstacleY": (0.0, 0.0)})
+
+
+@pytest.mark.parametrize("turns, stride, missed", [(1.0, 1, 0.0), (1.0, 10, 0.0), (1.0, 8, 0.2),
+                                                   (0.9, 10, 0.1), (0.9, 1, 0.0)])
+def test_obstacles_that_turn_between_the_steps(turns, stride, missed):
+    """Of what moves; counted from the last step. By 2.5 and 2 steps of 20 times the kink is half a
+    step from one of their ends at most, and 0.1 from one.
+    """
+    motion = obstacles(lambda t: min(t, turns), 20)
+    found = between_steps.of_obstacles(motion, 20, stride)
+    size, when = found["obstacleY"]
+    assert size == pytest.approx(missed, abs=0.1) and (size > 0.01) == (missed > 0)
+    assert not missed or when == pytest.approx(turns)
+    still = SimpleNamespace(steps=20, t_end=2.0, between={})
+    assert between_steps.misses(still, motion, stride) == (missed > 0)
+    assert not between_steps.misses(still, None, stride)
+    # as the steps of another number
+    assert between_steps.of_obstacles(motion, 20 // stride).keys() >= {"obstacleY"}
+
+
+def test_loads_that_turn_between_the_steps_are_missed():
+    history = manifest(lambda t: min(t, 0.5), 20)
+    assert [between_steps.misses(history, None, stride) for stride in (1, 2, 4, 8)] == [
+        False, False, True, True]

@@ -138,6 +138,10 @@ class Linear:
     def problem(self, **_changes):
         """Any mesh can be had."""
 
+    def refines(self, _mesh, _other):
+        """And is finer than another."""
+        return True
+
     def value(self, settings):
         """Displacement of a run."""
         return 1.0 + sum(factor * getattr(settings, name) for name, factor in self.FACTORS.items())
@@ -158,8 +162,9 @@ class Declared(SimpleNamespace):
 def problem_of(manifest, effects):
     """A problem without subdomains."""
     return SimpleNamespace(manifest=manifest, effects=effects, operator=SimpleNamespace(
-        comm=MPI.COMM_SELF), structure=SimpleNamespace(
-            subdomains=[], outer_edges=np.zeros((0, 3), int)))
+        comm=MPI.COMM_SELF, structure=SimpleNamespace(contact=SimpleNamespace(
+            motion_of_all_times=None))), structure=SimpleNamespace(
+                subdomains=[], outer_edges=np.zeros((0, 3), int)))
 
 
 @pytest.mark.parametrize("coulomb", [False, True])

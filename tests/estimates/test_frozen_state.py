@@ -8,7 +8,7 @@ import pytest
 from mpi4py import MPI
 
 from driver.contact.states import OPEN, SLIP, STICK
-from driver.estimates import adjoint, companions, refinement
+from driver.estimates import adjoint, refinement
 from driver.estimates.adjoint import Adjoint
 from driver.estimates.companions import Companions, _whole
 from driver.estimates.levels import Levels, samples
@@ -152,7 +152,7 @@ def test_coarser_times_do_not_share_the_first_of_few_steps(
         monkeypatch, steps, frictional, expected):
     """Of five steps every other one, from the last back, would leave the first; then more are made.
     """
-    monkeypatch.setattr(companions, "departures", lambda *_: [])
+    monkeypatch.setattr(Companions, "misses", lambda *_: False)
     of, strides = object.__new__(Companions), []
     of.effects, of.base = SimpleNamespace(frictional=frictional), {}
     of.manifest = SimpleNamespace(steps=steps, cycle_start=0)
@@ -167,6 +167,8 @@ def test_coarse_meshes_see_the_turns_of_a_history(frictional, history, stride):
     """Every second time would miss them, and with friction the end depends on the way."""
     of = object.__new__(Companions)
     of.effects = SimpleNamespace(frictional=frictional)
+    of.operator = SimpleNamespace(structure=SimpleNamespace(contact=SimpleNamespace(
+        motion_of_all_times=None)))
     of.manifest = SimpleNamespace(steps=4, t_end=1.0, between={1: history})
     assert of.coarse_stride == stride
 

@@ -156,16 +156,20 @@ def test_errors_of_other_meshes_are_bounded_by_the_run(value, claimed, error):
     assert kinds._within(value + 0.1, claimed, own) == pytest.approx(error)
 
 
-@pytest.mark.parametrize("steps, start, counts", [
-    (8, 0, [8, 4, 2]), (8, 4, [8, 4, 2]), (8, 2, [8, 4]), (6, 0, [6, 3]), (8, 1, [8]), (7, 0, [7])])
-def test_fewer_steps_err_by_what_companions_with_them_are_off(steps, start, counts):
-    """Where every second or fourth step ends at the end, and one where a cycle begins."""
+@pytest.mark.parametrize("steps, start, missing, counts", [
+    (8, 0, 8, [8, 4, 2]), (8, 4, 8, [8, 4, 2]), (8, 2, 8, [8, 4]), (6, 0, 8, [6, 3]),
+    (8, 1, 8, [8]), (7, 0, 8, [7]), (8, 0, 4, [8, 4]), (8, 0, 2, [8])])
+def test_fewer_steps_err_by_what_companions_with_them_are_off(steps, start, missing, counts):
+    """Where every second or fourth step ends at the end, and one where a cycle begins, and they
+    miss nothing of the history.
+    """
     kinds = Alternatives.__new__(Alternatives)
     kinds.name, kinds.manifest = "slip", SimpleNamespace(steps=steps)
     kinds.parts = {"time": Part(0.5), "friction": Part(0.01), "solver": Part(0.02)}
     kinds.companions = SimpleNamespace(
         effects=SimpleNamespace(frictional=True, quasistatic=True), base={},
         manifest=SimpleNamespace(cycle_start=start), stride=lambda wanted: wanted,
+        misses=lambda stride: stride >= missing,
         level=lambda mesh, stride: SimpleNamespace(values={"slip": 1.0 + 0.1 * (stride - 1)}))
     found = kinds.quantity(1.0)
     assert found.times == pytest.approx({n: 0.5 + 0.1 * (steps // n - 1) for n in counts})

@@ -352,7 +352,7 @@ include "export.idp"
 """)
     errors = solved(path, errors="yes").summary["errors"]
     assert all(entry["mesh"] is None for entry in errors["quantities"].values())
-    assert "companion H=0.5 has no fewer nodes, or no fewer in contact, than H=0.25" in (
-        errors["notes"])
+    assert ("companion H=0.5 has no fewer triangles, or no fewer sides in contact, than H=0.25"
+            in errors["notes"])
     finer = solved(path, errors="yes", h=0.125).summary["errors"]["quantities"]
     assert finer["normal_resultant"]["mesh"] > 0  # of two meshes

@@ -52,6 +52,17 @@ def test_the_place_of_a_force_on_a_node_or_two_is_not_known(lone, names):
         assert "a node or two carry 20 %" in found["slip"].note
 
 
+@pytest.mark.parametrize("touch", [Touch(20, 1.0, open={}), Touch(3, 0.0, open={}),
+                                   Touch(20, 0.0, round=2, open={})])
+@pytest.mark.parametrize("error, adjoint, known", [(0.019, False, True), (0.021, False, False),
+                                                   (0.3, True, True)])
+def test_a_body_that_is_resolved_has_displacements_however_few_nodes_touch(touch, error, adjoint,
+                                                                           known):
+    """By an adjoint problem, or by its error in energy where elements have none."""
+    found = unresolved.parts(VALUES, error, touch, "P2", adjoint)
+    assert ("displacement" not in found) == known and "slip" in found
+
+
 @pytest.mark.parametrize("flat, stays", [(True, True), (False, False)])
 def test_resultants_that_loads_give_are_claimed_whatever_the_mesh(flat, stays):
     """Where nothing but one normal carries them: else friction has a part in the balance."""

@@ -453,3 +453,70 @@ def test_two_meshes_meet_a_request_by_a_quarter_of_it(sizes, enough, total, met)
     search = object.__new__(goal.Search)
     search.sizes, search.enough, search.asked = sizes, enough, 0.01
     assert search._met({"value": -1.0, "total": total}) is met
+
+
+@pytest.mark.parametrize("frictional, turns, steps", [
+    (True, 2.0, 5), (True, 1.0, 10), (True, 0.7, 20), (False, 1.0, 5)])
+def test_steps_end_where_histories_turn(monkeypatch, frictional, turns, steps):
+    """As few as 5 where nothing turns between their ends, or nothing remembers it; no more than the
+    scene's own for the history alone.
+    """
+    count = 20 * trials.SAMPLING
+    manifest = Shell(steps=count, t_end=2.0, cycle_start=0, amplitudes={
+        "1": [min(t, turns) for t in np.linspace(0, 2, count + 1)]})
+    monkeypatch.setattr(trials, "Effects",
+                        lambda _: SimpleNamespace(quasistatic=True, frictional=frictional))
+    of = object.__new__(trials.Trials)
+    of.follow(SimpleNamespace(manifest=manifest, structure=SimpleNamespace(
+        contact=SimpleNamespace(motion_of_all_times=None))))
+    assert of.steps == steps
+
+
+@dataclasses.dataclass
+class Shell:
+    """What a search follows of a manifest."""
+
+    steps: int
+    t_end: float
+    cycle_start: int
+    amplitudes: dict
+    between: dict = dataclasses.field(default_factory=dict)
+
+
+@pytest.mark.parametrize("coarser_misses, used", [(False, {4: 10, 2: 20}), (True, {2: 20, 1: 40})])
+def test_the_part_of_time_is_from_steps_that_miss_nothing(coarser_misses, used):
+    """Half the steps on a finer mesh, or twice as many where those would pass over a kink."""
+    of, ran = object.__new__(trials.Trials), {}
+    of.parts, of.timed, of.stride, of.total, of.name, of.asked = {"time": {}}, 1.0, 2, 40, "slip", 1
+    of._misses = lambda stride: coarser_misses
+    def values(size, stride=None):
+        stride = stride or of.stride
+        ran[stride] = of.total // stride
+        return {"slip": 1.0 + 0.01 * stride}
+    of.values = values
+    of.renew_time(0.5)
+    assert ran == used and of.timed == 0.5
+    alone = 3 * 0.02 * 1.2 if not coarser_misses else 0.01 * (1 + 3 * 1.2)
+    assert of.parts["time"]["slip"].error == pytest.approx(alone, rel=0.5)
+
+
+def test_what_even_the_scenes_own_steps_miss_is_said(solved, named_scene):
+    path = named_scene("pulse", """include "scene.idp"
+units("mm", "MPa");
+int n = rint(1./meshSize(0.5));
+body = square(2*n, n, [2.*x + 0.2*y, y]);
+quasistatic(1.);
+macro young() 1000. //
+macro poisson() 0.3 //
+macro support() on(2, u1 = 0.) //
+macro load1() pressure(3, 1.) //
+macro load2() traction(4, -1., 0.) //
+macro amplitude1(t) min(1., 4.*t) //
+macro amplitude2(t) max(0., 1. - abs(t - 0.475)/0.02) + t //
+macro contact() 1 //
+macro friction() 0.4 //
+include "export.idp"
+""")
+    run = solved(path, accuracy="50%,normal_resultant")
+    assert run.status == 0 and any("amplitude 2 departs" in line for line in
+                                   run.summary["warnings"])

@@ -160,12 +160,15 @@ def test_a_child_is_heard_while_something_else_is_done():
 
 
 def test_mpirun_keeps_its_files_where_no_other_one_does():
-    """Of all runs of a user at a time one that ends would take away the place of one that starts.
+    """Of all runs of a user at a time one that ends would take away the place of one that starts,
+    and two that make it at a moment fail, also those of FreeFEM and of the solver of one run.
     """
-    place = environment.place_of_mpirun()
+    start, again = environment.mpirun(2), environment.mpirun(2)
+    place, next_one = (words[words.index(environment.OWN_PLACE) + 1] for words in (start, again))
+    assert Path(next_one).is_dir() and next_one != place
     code = ("import os; from mpi4py import MPI; comm = MPI.COMM_WORLD; ranks = comm.allreduce(1); "
             f"comm.rank or print(ranks, *os.listdir('{place}'))")
-    done = subprocess.run([*environment.mpirun(2), sys.executable, "-c", code], check=True,
+    done = subprocess.run([*start, sys.executable, "-c", code], check=True,
                           env=environment.child_environment(), capture_output=True, text=True)
     assert done.stdout.startswith("2 ompi.")
     other = subprocess.run([sys.executable, "-c", "from driver import environment as e; "

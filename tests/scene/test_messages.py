@@ -610,8 +610,12 @@ MESHED = (('include "scene.idp"', 'include "scene.idp"\ninclude "gmsh.idp"'),
     (GEO.replace("1:4", "1:3"), "gmsh cannot mesh mine.geo"),
     (GEO.replace("Physical Surface(1) = {1};", ""), "give its surfaces a Physical Surface"),
     (GEO.replace("Physical Curve(1) = {1}; Physical Curve(3) = {3}; Physical Curve(4) = {4};", ""),
-     "give its curves a Physical Curve")])
-@pytest.mark.some(3)
+     "give its curves a Physical Curve"),
+    (GEO + "Mesh.ElementOrder = 2;", "elements that are no straight edges and triangles"),
+    (GEO + "Mesh.RecombineAll = 1;", "elements that are no straight edges and triangles"),
+    (GEO.replace("{2, 1, 0, h}", "{2, 1, 0.1, h}").replace("{0, 1, 0, h}", "{0, 1, 0.1, h}"),
+     "points at different z")])
+@pytest.mark.some(4)
 def test_what_gmsh_makes_is_judged(said, tmp_path, geo, words):
     (tmp_path / "mine.geo").write_text(geo)
     assert words in said(*MESHED, parameters={"steps": "2"})
@@ -665,6 +669,6 @@ body = buildmesh(a(16) + middle(4));"""
     place = re.search(r"label 9 is that of a line inside the body, at \((.*?), (.*?)\)", message)
     assert 0 < float(place[1]) < 2 and float(place[2]) == 0.5
     held = said(*changes[:2], ("on(4, u1", "on(9, u1"), parameters={})
-    assert "on(9, ...) names a label that the mesh lacks; it has 1, 2, 3, 4" in held
+    assert "on(9, ...) names no boundary of the mesh, whose labels are 1, 2, 3, 4" in held
     dropped = ("macro young", "body = change(body, rmInternalEdges = 1);\nmacro young")
     assert "no boundary with label 9" in said(*changes, dropped, parameters={})

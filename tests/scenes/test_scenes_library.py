@@ -49,7 +49,7 @@ def scene(tmp_path):
     (dict(young="(x > 1 ? -1. : 1.)"), "young = -1"),
     (dict(poisson="0.5"), "poisson = 0.5"),
     (dict(support="on(9, u1 = 0., u2 = 0.)"),
-     "line 7: on(9, ...) names a label that the mesh lacks"),
+     "line 7: on(9, ...) names no boundary of the mesh"),
     (dict(body="mesh T = square(60, 3);\n"
                "body = movemesh(T, [(1.2 - 0.2*y)*cos(6.6*x), (1.2 - 0.2*y)*sin(6.6*x)]);"),
      "penetrates itself"),
