@@ -40,9 +40,9 @@ def parts(values: dict, error: float, touch: Touch, element: str, adjoint: bool,
 
     Where contact opens and slips between its few nodes coarser meshes may agree by chance; of
     displacements and resultants `adjoint` problems see the whole body's error if there are any (of
-    displacements so does an error in energy that is FINE), but of a round boundary a node or two that carry all have one direction, and where areas of
-    contact have no more nodes their force acts at a node. `error`: of energy_error; `unseen`: these
-    problems are blind.
+    displacements so does an error in energy that is FINE), but of a round boundary a node or two
+    that carry all have one direction, and where areas of contact have no more nodes their force
+    acts at a node. `error`: of energy_error; `unseen`: these problems are blind.
     """
     placed = OF_BODIES[-1:] if adjoint or 0 < error <= FINE else ()  # zero is unknown
     reason, spared = "", OF_BODIES if adjoint else placed

@@ -34,7 +34,8 @@ class Probes:
     def __init__(self, operator: DualOperator, manifest, effects):
         """`effects`: those of the scene, with its probes.
 
-        Raises InputError for a point that lies outside the body, or in several.
+        Raises InputError for a point that lies outside the body. One that lies in several follows
+        the first of them, as `warnings` say.
         """
         self.operator, probe = operator, effects.rooms["probe"]
         self.joints = [(joint.first, joint.second) for joint in effects.joints]
@@ -48,6 +49,10 @@ class Probes:
         joined = [label for pair in self.joints for label in pair]
         self.points = [_Point(number, xy, operator, joined)
                        for number, xy in enumerate(probe.points, 1)]
+        self.warnings = [
+            f"probePoints: ({point.xy[0]:g}, {point.xy[1]:g}) lies in several bodies that touch, "
+            f"or on both sides of a slit; {point.name} follows the first: move it a little into "
+            "the one that is meant" for point in self.points if point.shared]
         self.rows = []  # {column: value}
         self._first = self._first_of_contact()
         self._first_side = dict(zip(*label_shares(operator.structure)))
@@ -266,11 +271,13 @@ class _Point:
             raise InputError(f"probePoints: ({xy[0]:g}, {xy[1]:g}) lies outside the body")
         depth = min(depth, -ON_SIDE)  # on common sides any subdomain is as good: the first one
         inside = [place for place in places if place[0] >= depth]
-        if len({on for *_, on, alike in inside if not alike}) > 1:
-            raise InputError(f"probePoints: ({xy[0]:g}, {xy[1]:g}) lies in several bodies that "
-                             "touch, or on both sides of a slit; move it into one of them")
         _, self.triangle, self.place, owner, *_ = inside[0]
         self.own = owner - first
+        others = {on for *_, on, alike in inside if not alike} - {inside[0][-2]}
+        self.shared = bool(others) and not inside[0][-1]
+        if self.shared:
+            self.near = [near & ~np.isin(sub.node_gid, sorted(set().union(*others)))
+                         for near, sub in zip(self.near, self.subs)]
 
     def evaluate(self, s: int, u, reaction, load, sprung,
                  _weights) -> tuple[np.ndarray, np.ndarray]:

@@ -460,6 +460,7 @@ def test_what_geometry_misses_is_a_distance_or_a_change_of_forces():
     solver.contact, solver.rows = used, rows(3)
     solver.operator = SimpleNamespace(comm=MPI.COMM_SELF)
     solver.following = SimpleNamespace(gids=np.arange(5))
+    solver.closure = SimpleNamespace(worn=0.0)
     solver.scales = Scales(displacements=np.array([4.0]), force=2.0)
     step = SimpleNamespace(index=1, multipliers=forces, status=np.array([STICK, OPEN, SLIP]))
 
@@ -484,6 +485,11 @@ def test_what_geometry_misses_is_a_distance_or_a_change_of_forces():
         error = np.array([change[0], max(over(now)[1], 0.0), change[2]])
         missed = max(error.max() / 4, np.abs(pushed(now) - pushed(used)).max() / 2)
         assert solver._missed(step, u) == pytest.approx(missed, rel=1e-12)
+    # an open node may be as far beyond as it has worn
+    solver._about = lambda u, index: facing([0.1, 0.2, 0.3], [0.5, -9, 0.125])
+    before, solver.closure.worn = solver._missed(step, u), np.array([0.0, 20.0, 0.0])
+    assert solver._missed(step, u) < before
+    solver.closure.worn = 0.0
     # what faces nothing has no distance
     now = facing([0.1, 0.2, 0.3], [-9, 0.25, 0.125], idle=np.array([True, False, False]))
     solver._about = lambda u, index: now

@@ -172,16 +172,32 @@ def test_labels_of_pairs_that_meet_share_their_vertex(solved, named_scene):
 
 @pytest.mark.parametrize("cut", [1, 4])
 @pytest.mark.parametrize("more, reason", [
-    ("macro probePoints() [0.9, 0.5] //", r"\(0.9, 0.5\) lies in several bodies"),
-    ("macro probePoints() [0.7, 1.] //", r"\(0.7, 1\) lies in several bodies"),
     ("macro pointLoad2() [0.9, 1., 1., 0.] //\nmacro amplitude2(t) t //",
      r"pointLoad2: 3 vertices lie at \(0.9, 1\)"),
     ("macro pointSpring() [0.9, 0., 1., 1.] //", r"pointSpring: 2 vertices lie at \(0.9, 0\)")])
-def test_places_of_several_bodies_are_refused(solved, named_scene, more, reason, cut):
+def test_loads_at_places_of_several_bodies_are_refused(solved, named_scene, more, reason, cut):
     """Nothing tells which of the bodies is meant, and what follows would hang on their order."""
     path = named_scene(f"several-{abs(hash(more))}", TOUCHING.replace("{more}", more))
     run = solved(path, subdomains=cut)
     assert run.status == 2 and re.search(reason, run.reason), run.reason
+
+
+@pytest.mark.parametrize("cut", [1, 4, 7])
+def test_a_probe_of_several_bodies_follows_the_first_and_says_so(solved, named_scene, cut):
+    """On the pair's boundary, and at the foot of the two lower bodies, whose supports meet there:
+    its force is the reaction of the left one.
+    """
+    more = "macro probePoints() [0.7, 1., 0.9, 0., 1.5, 1.3] //\nmacro probeLabels() [5] //"
+    run = solved(named_scene("first", TOUCHING.replace("{more}", more)), subdomains=cut, steps=2)
+    said = [line for line in run.summary["warnings"] if line.startswith("probePoints")]
+    assert [re.search(r"point\d", line)[0] for line in said] == ["point1", "point2"]
+    assert "(0.7, 1) lies in several bodies" in said[0]
+    upper, foot, _ = [row for row in run.summary["probes"] if row["probe"].startswith("point")]
+    inside = solved(named_scene("above", TOUCHING.replace(
+        "{more}", "macro probePoints() [0.7, 1.0001] //")), subdomains=cut, steps=2)
+    near, = inside.summary["probes"]
+    assert upper["u_y"] == pytest.approx(near["u_y"], rel=1e-2)  # strains over 1e-4
+    assert 0 < foot["force_y"] < 0.5 and (foot["u_x"], foot["u_y"]) == (0, 0)
 
 
 def test_a_probe_may_lie_between_subdomains_and_on_a_tie(solved, named_scene):

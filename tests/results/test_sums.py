@@ -125,6 +125,7 @@ def test_a_node_where_labels_meet_is_shared_as_its_segment_is(revolved, quadrati
     place = np.array([[1.0, 0.0], [2.0, 0.0], [5.0, 0.0]])
     b = SimpleNamespace(gid=np.array([4, 2, 7]), xy=place, label=np.array([1, 1, 3]),
                         edges=np.array([[0, 1], [2, 1], [1, -1]]), axisymmetric=revolved,
+                        meeting=[], paired=np.zeros(3, bool),
                         clamped=SimpleNamespace(gid=np.zeros(0, int), xy=np.zeros((0, 2))))
     structure = SimpleNamespace(
         contact=SimpleNamespace(declared=b), outer_middles=np.arange(2 * quadratic),
@@ -134,6 +135,25 @@ def test_a_node_where_labels_meet_is_shared_as_its_segment_is(revolved, quadrati
              (True, True): 1 / 4}[revolved, quadratic]
     assert labels.tolist() == [1, 3]
     np.testing.assert_allclose(parts, [[1, first, 0], [0, 1 - first, 1]])
+
+
+def test_labels_of_a_pair_share_a_node_likewise():
+    """A corner has nodes of its own for either label."""
+    place = np.array([[1.0, 0.0], [2.0, 0.0], [5.0, 0.0], [5.0, 0.0], [5.0, 4.0]])
+    b = SimpleNamespace(gid=np.array([4, 2, 7, 7, 8]), xy=place, label=np.array([1, 1, 3, 5, 5]),
+                        edges=np.zeros((0, 2), int), axisymmetric=False,
+                        meeting=[[(1, 11), (3, 13)], [(5, 15)]], paired=np.ones(5, bool),
+                        clamped=SimpleNamespace(gid=np.zeros(0, int), xy=np.zeros((0, 2))))
+    outer = np.array([[9, 4, 6], [4, 2, 1], [2, 7, 3], [7, 8, 5]])
+    structure = SimpleNamespace(contact=SimpleNamespace(declared=b), outer_edges=outer,
+                                outer_middles=np.zeros(0, int))
+    labels, parts = shares.label_shares(structure)
+    assert labels.tolist() == [1, 3, 5]
+    np.testing.assert_allclose(parts, [[1, 1, 0, 0, 0], [0, 0, 1, 0, 0], [0, 0, 0, 1, 1]])
+    b.xy, b.gid, b.paired = place[:3], b.gid[:3], b.paired[:3]
+    b.label, b.meeting = b.label[:3], b.meeting[:1]
+    np.testing.assert_allclose(shares.label_shares(structure)[1],
+                               [[1, 1 / 4, 0], [0, 3 / 4, 1]])
 
 
 def test_forces_of_a_boundary_follow_its_normals_where_they_change():
