@@ -77,6 +77,21 @@ def test_rough_meshes_are_trusted_less():
     assert rough == pytest.approx(plain * (1 + caution.STEEP * (0.45 - caution.ROUGH)))
 
 
+@pytest.mark.parametrize("energy, change, raised", [
+    (0.2, 1e-6, False), (0.6, 0.0, False), (0.6, 1e-6, True), (0.6, 1e-2, True), (0.6, 0.5, False)])
+def test_displacements_beside_the_square_of_a_large_error_in_energy(energy, change, raised):
+    """0.65 e^2 at most, and between that and what meshes say: a displacement that a support
+    prescribes has no error.
+    """
+    values = {"displacement": [1.0, 1.0 - change, 1.0 - 3 * change]}
+    rough = 1 + caution.STEEP * max(0.0, energy - caution.ROUGH)
+    plain, found = (of(values, energy=e)["displacement"].error for e in (0.0, energy))
+    if raised:
+        assert plain * rough < found <= 0.65 * energy**2
+    else:
+        assert found == pytest.approx(plain * rough)
+
+
 def test_chords_of_a_round_boundary_are_of_second_order():
     """A third order is chance there, and adjoint problems see nothing of the polygon's error."""
     round_, declared = Touch(round=9, open={}), ("curved",)
@@ -250,7 +265,7 @@ def test_no_more_is_claimed_of_contact_than_could_touch_or_open():
 
 
 @pytest.mark.parametrize("doubt, part", [
-    (0.0, 1.0), (4.0, 1.0), (0.2, caution.ENDS * 0.2**0.5), (1e-4, 0.5)])
+    (0.0, 1.0), (4.0, 1.0), (0.2, caution.BETWEEN * 0.2**0.5), (1e-4, 0.5)])
 def test_contact_length_is_claimed_between_what_meshes_and_nodes_say(doubt, part):
     """By the geometric mean of both, no more than meshes say and no less than half of it; without
     ends of contact by meshes alone.
