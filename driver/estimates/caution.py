@@ -142,7 +142,7 @@ class Caution:
         return Part(min(part.error, most), part.order, part.note, part.rate)
 
     def _square(self, part: Part, size: float) -> Part:
-        """Part of the largest displacement, of `size`, beside the square of a large error in energy.
+        """Part of the largest displacement `size`, beside the square of a large error in energy.
 
         That is what a displacement under the loads errs by, whatever coarse meshes and adjoint
         problems, of smoothed stresses, agree on; others may err by less. Between both, so that what

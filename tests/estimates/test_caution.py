@@ -68,7 +68,9 @@ def test_two_meshes_are_trusted_as_little_as_three():
     plain = of(values)["displacement"].error
     assert plain == pytest.approx(PAIR * 0.07)
     assert of(values, stiff=2.0)["displacement"].error == pytest.approx(2 * plain)
-    rough = of(values, energy=0.45)["displacement"].error
+    energy = 0.25 + 1e-6  # beyond which displacements count by its square as well
+    assert of(values, energy=energy)["displacement"].error > plain
+    rough = of({"slip": power(1.0, 2)}, energy=0.45)["slip"].error
     assert rough == pytest.approx(plain * (1 + caution.STEEP * (0.45 - caution.ROUGH)))
 
 
@@ -254,7 +256,7 @@ def test_no_more_is_claimed_of_contact_than_could_touch_or_open():
     """
     touch = Touch(nodes=4, open={}, pressure=np.array([6.0, 5.0, 1.0, 0.0]), length=np.ones(4),
                   beside=np.array([[0.001, 2.0], [1.0, 3.0]]), edges=0.5)
-    values = {"contact_length": [4.0, 5.0, 40.0], "displacement": power(1.0)}
+    values = {"contact_length": [4.0, 5.0, 40.0], "displacement": power(1.0) / 10}
     way = of(values)["displacement"].error
     assert 0.001 < way < 1.0
     for energy, length in ((0.1, 3.5), (0.8, 4.5)):
