@@ -131,7 +131,10 @@ def interpreter() -> str:
 
 
 def check_process() -> None:
-    """Refuse to start where MPI would fail with a page of its own words. Raises InputError."""
+    """Refuse to start where MPI would fail with a page of its own words, or NumPy is not there.
+
+    Raises InputError.
+    """
     try:
         os.getcwd()
     except FileNotFoundError:
@@ -143,6 +146,8 @@ def check_process() -> None:
     elif soft < OPEN_FILES:
         raise InputError(f"only {soft} files may be open at a time: raise the limit, "
                          f"ulimit -n {OPEN_FILES}")
+    if importlib.util.find_spec("numpy") is None:  # before anything is begun that needs it
+        raise package_error(ModuleNotFoundError(name="numpy"))
 
 
 def heed_interrupts() -> None:

@@ -138,6 +138,16 @@ def test_missing_freefem(command, tmp_path):
     assert listing(tmp_path) == {}
 
 
+def test_a_python_without_packages_begins_nothing(tmp_path):
+    """As another one than Debian's; -S leaves out where packages are."""
+    done = subprocess.run([sys.executable, "-S", "-m", "driver", "run", "SCENE=model",
+                           f"OUT={tmp_path / 'out'}"], cwd=environment.ROOT, text=True,
+                          capture_output=True, check=False)
+    assert done.returncode == 2
+    one_line(done, "the Python package numpy is not installed", "make setup")
+    assert listing(tmp_path) == {}
+
+
 def test_missing_mpirun(command, tmp_path):
     done = command("run", "SCENE=model", "NP=2", f"OUT={tmp_path / 'out'}", PATH=str(tmp_path))
     one_line(done, "not installed")
