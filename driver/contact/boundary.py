@@ -20,6 +20,7 @@ from .nodes import contact_table, merge_parts
 
 NODAL = ("gid", "label", "chain", "xy", "arc", "weight", "length", "normal", "gap", "family",
          "middle", "normal_row", "tangential_row")  # members of ContactBoundary, arrays (n_c, ...)
+RUBBING = "friction", "tresca", "cohesion"  # columns of which one gives a node friction
 TERMS = ("term_node", "term_gid", "term_value", "term_other")
 
 
@@ -257,18 +258,20 @@ class FoundNodes:
         own = row, nodes.gid[other], value, np.zeros(len(row), bool)
         rigid, whole, terms = ~paired[row], weight.copy(), []
         _, vertex, count = np.unique(nodes.gid[paired], return_inverse=True, return_counts=True)
+        rubs = np.any([nodes.columns[name] != 0 for name in RUBBING if name in nodes.columns],
+                      axis=0) & np.ones(n, bool)
         twin = np.zeros(n, bool)
         twin[paired] = count[vertex] > 1
         for k, pairs in enumerate(nodes.meeting):
             here = np.flatnonzero(nodes.family == k + 1)
             weight[here], length[here], normal[here], more, (node, *term) = sides.couple(
-                pairs, nodes.gid[here], nodes.normal[here], twin[here],
+                pairs, nodes.gid[here], nodes.normal[here], twin[here], rubs[here],
                 following and following.reach)
             gap[here] += more
             if motion is not None:
                 motion.gap[:, here] = gap[here]
             terms.append((here[node], *term))
-        held = held_nodes(nodes.gid, fixed)
+        held = held_nodes(nodes.gid, fixed[0])
         covered = None
         if following is not None:
             covered = np.divide(weight, whole, out=np.zeros(n), where=whole > 0)

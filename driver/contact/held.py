@@ -14,43 +14,43 @@ from ..errors import InputError
 from ..feti.supports import free_along
 from . import mortar
 
-HALF = 0.5  # of what a place meets: whether it can move
+SOME = 1e-6  # of what a place meets; what is less is the rounding of its coordinate
 
 
-def yielding(first, second, gids: tuple, fixed_keys: np.ndarray, frictional: bool,
-             able: np.ndarray, reach: float | None) -> np.ndarray:
+def yielding(first, second, gids: tuple, fixed_keys: np.ndarray, normal: np.ndarray,
+             rubs: np.ndarray, able: np.ndarray, reach: float | None) -> np.ndarray:
     """(n,) nodes of the side `first` that are held in a direction in which `second` can move.
 
-    That is along the normal or, if `frictional`, along the tangent. `gids` are those of the nodes
-    of both sides; `able` and `reach` as of mortar.couple.
+    That is along the `normal` (n, 2) or, of nodes that rub, (n,), along the tangent. `gids` are
+    those of the nodes of both sides; `able` and `reach` as of mortar.couple.
     """
     own, others = gids
-    normal = first.nodal_normals()
-    directions = [normal] + [np.column_stack([-normal[:, 1], normal[:, 0]])] * frictional
-    held = [~free_along(own, direction, fixed_keys) for direction in directions]
+    tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
+    held = [(normal, ~free_along(own, normal, fixed_keys)),
+            (tangent, rubs & ~free_along(own, tangent, fixed_keys))]
     found = np.zeros(len(own), bool)
-    if not np.any(held):
+    if not any(stands.any() for _, stands in held):
         return found
-    # the condition of each place alone: of neighbours on a symmetric line most may be free
-    met = mortar.couple(first, second, np.zeros(len(own), bool), able, reach, np.any(held, axis=0))
-    facing = met.side == 1
-    node, size = met.node[facing], np.abs(met.value[facing])
-    total = np.bincount(node, size, len(own))
-    for direction, stands in zip(directions, held):
-        free = free_along(others[met.of[facing]], direction[node], fixed_keys)
-        found |= stands & (np.bincount(node, size * free, len(own)) > HALF * total)
+    node, of, value = mortar.met_at_nodes(first, second, able, reach)
+    for direction, stands in held:
+        moves = free_along(others[of], direction[node], fixed_keys) & (np.abs(value) > SOME)
+        found |= stands & (np.bincount(node, moves, len(own)) > 0)
     return found
 
 
-def check_passed_on(first, labels: np.ndarray, lost: np.ndarray, pairs: list) -> None:
-    """InputError if nodes `lost` (n,) of the side `first` leave no next one on their edge.
+def check_passed_on(first, labels: np.ndarray, lost: np.ndarray, held: np.ndarray, pairs: list,
+                    both: bool) -> None:
+    """InputError if nodes `lost` (n,) of the side `first` have no next one on their edge.
 
-    `labels` (e,) are those of its edges, `pairs` labels that meet.
+    All others are `held` (n,) as well. `labels` (e,) are those of its edges, `pairs` labels that
+    meet; `both`: supports hold the other side too.
     """
-    whole = lost[first.edges].all(axis=1)
+    whole = lost[first.edges].any(axis=1) & held[first.edges].all(axis=1)
     if whole.any():
         edge = int(whole.argmax())
         one, two = next(pair for pair in pairs if pair[0] == labels[edge])
         x, y = first.xy[first.edges[edge, :2]].mean(axis=0)
+        advice = ("supports of both bodies belong elsewhere than on their contact" if both else
+                  f"name {two} first")
         raise InputError(f"a support holds the boundary {one} of a contact pair near ({x:g}, "
-                         f"{y:g}), where {two} can move: name {two} first")
+                         f"{y:g}), where {two} can move: {advice}")

@@ -150,6 +150,23 @@ def _at_corners(corner: np.ndarray, first: Side, normal: np.ndarray, second: Sid
             yield row[k], heir[e[k], end], sides, nodes, values, distance[0]
 
 
+def met_at_nodes(first: Side, second: Side, able: np.ndarray | None = None,
+                 reach: float | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What the places of the first side's nodes meet: (node, node of the second side, value).
+
+    Values of the shape functions of the second side's edge there; none of nodes that face nothing.
+    """
+    normal = first.nodal_normals()
+    e, o, start, stop = _facing_parts(first, normal, second, able, reach)
+    found = [(np.empty(0, int), np.empty(0, int), np.empty(0))]
+    for k, place in enumerate((0.0, 1.0, 0.5)[: first.edges.shape[1]]):
+        here = (start - SLIVER <= place) & (place <= stop + SLIVER)
+        eta, *_ = _project(first, normal, second, e[here], o[here], np.full(here.sum(), place))
+        for corner, value in enumerate(_shapes(second.edges.shape[1], eta)):
+            found.append((first.edges[e[here], k], second.edges[o[here], corner], value))
+    return tuple(np.concatenate(column) for column in zip(*found))
+
+
 def _shapes(nodes: int, xi: np.ndarray) -> tuple[np.ndarray, ...]:
     """Shape functions of an edge with 2 or 3 nodes at the places xi (m,), each (m,)."""
     if nodes == 2:

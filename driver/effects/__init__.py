@@ -124,7 +124,7 @@ class Effect:
     def following(self, nodes, motion):
         """The Following of the contact `nodes` and their ObstacleMotion; contact/following.py."""
 
-    def paired_sides(self, subdomains, fixed, frictional, comm, moved=None):
+    def paired_sides(self, subdomains, fixed, comm, moved=None):
         """Boundaries of two bodies that meet; see effects/pair.py."""
 
     def joints(self) -> list:
@@ -274,8 +274,7 @@ class Effects:
 
     def paired_sides(self, subdomains, fixed, comm, moved=None):
         """Boundaries of two bodies that meet (effects/pair.py), None without pairs; collective."""
-        sides = (room.paired_sides(subdomains, fixed, self.frictional, comm, moved)
-                 for room in self)
+        sides = (room.paired_sides(subdomains, fixed, comm, moved) for room in self)
         return next((pair for pair in sides if pair is not None), None)
 
     @property

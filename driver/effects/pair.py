@@ -19,24 +19,21 @@ from . import Effect
 class Room(Effect):
     """The first label of every pair carries the contact nodes, coupled to the second one."""
 
-    def paired_sides(self, subdomains: list[Subdomain], fixed, frictional: bool, comm,
-                     moved=None) -> "PairSides":
+    def paired_sides(self, subdomains: list[Subdomain], fixed, comm, moved=None) -> "PairSides":
         """The boundaries that meet; see PairSides."""
-        return PairSides(self.manifest, subdomains, fixed, frictional, comm, moved)
+        return PairSides(self.manifest, subdomains, fixed, comm, moved)
 
 
 class PairSides:
     """Boundaries that meet in contact pairs, replicated on every rank.
 
-    `fixed` as `fixed_dofs` of feti returns it, `frictional` whether they rub. `moved`, if given,
-    holds displacements (dofs,) of the rank's subdomains: normals, facing parts and gaps are then
-    those of the displaced boundaries.
+    `fixed` as `fixed_dofs` of feti returns it. `moved`, if given, holds displacements (dofs,) of
+    the rank's subdomains: normals, facing parts and gaps are then those of the displaced
+    boundaries.
     """
 
-    def __init__(self, manifest, subdomains: list[Subdomain], fixed, frictional: bool, comm,
-                 moved=None):
+    def __init__(self, manifest, subdomains: list[Subdomain], fixed, comm, moved=None):
         labels, self.fixed, self.about = np.unique(manifest.contact_pairs), fixed, None
-        self.frictional = frictional
         self.axisymmetric = manifest.axisymmetric
         self.nodes = n = 2 if manifest.element == "P1" else 3  # of an edge
         parts = [np.empty((0, 3 + 5 * n))]
@@ -66,12 +63,13 @@ class PairSides:
         return other
 
     def couple(self, pairs: list[tuple[int, int]], nodes: np.ndarray, facing: np.ndarray,
-               corner: np.ndarray, reach: float | None = None):
+               corner: np.ndarray, rubs: np.ndarray, reach: float | None = None):
         """Weight, length (n,), normal (n, 2), gap (n,), terms (node, gid, value, other body).
 
         The contact `nodes` (n,), by gids, face as `facing` (n, 2): two at a corner are a condition
         each, the first boundary's normals and multipliers being those of one of its flanks. At a
-        `corner` (n,) there is another condition, on this boundary or another one.
+        `corner` (n,) there is another condition, on this boundary or another one; with friction
+        nodes have `rubs` (n,).
 
         `reach`: of several places that a place faces within it the nearest counts, and there may
         be none. By default there must be one.
@@ -90,13 +88,19 @@ class PairSides:
         sharp = np.zeros(len(gids), bool)
         sharp[places] = corner
         # at the tip of a crack both sides are one node, which cannot move from itself
-        held = held_nodes(gids, self.fixed) | np.isin(gids, others)
-        lost = ~np.isin(gids, others) & yielding(first, second, (gids, others), self.fixed[0],
-                                                 self.frictional, able, reach)
-        check_passed_on(first, one, lost, pairs)
-        held |= lost
+        tip = np.isin(gids, others)
+        # rows of contact that follows the motion are those of its start
+        normal = (first if reach is None else self._side(labels, nodes, facing, moved=False)[0]
+                  ).nodal_normals()
+        rubbing = np.zeros(len(gids), bool)
+        rubbing[places] = rubs
+        lost = ~tip & yielding(first, second, (gids, others), self.fixed[0], normal, rubbing, able,
+                               reach)
+        held = held_nodes(gids, self.fixed[0]) | tip | lost
+        both = np.isin(self.fixed[0] // 2, others).any()
+        check_passed_on(first, one, lost, held, pairs, both)
         pair = mortar.couple(first, second, held, able, reach, sharp if sharp.any() else None)
-        if not pair.weight.any() and reach is None:
+        if held.all() or not pair.weight.any() and reach is None:
             one, two = pairs[0]
             raise InputError(
                 f"the boundaries {one} and {two} of a contact pair do not face each other, or a "
@@ -114,15 +118,17 @@ class PairSides:
         return pair.weight[places], pair.length[places], pair.normal[places], gap[places], terms
 
     def _side(self, labels: tuple[int, ...], nodes: np.ndarray = np.zeros(0, int),
-              facing: np.ndarray = np.zeros((0, 2))):
+              facing: np.ndarray = np.zeros((0, 2)), moved: bool = True):
         """The Side about `about`, with the initial geometry's lengths and radii.
+
+        Where it was at first unless it has `moved`.
 
         Also gids of its nodes, labels of its edges, which of its nodes the contact `nodes` are, and
         its nodes (k, 2) that are the two of a corner.
         """
         here = np.isin(self.label, labels)
         gids, first, inverse = np.unique(self.gid[here], return_index=True, return_inverse=True)
-        xy, u = self.xy[here], self.u[here].copy()
+        xy, u = self.xy[here], self.u[here] * moved
         edges = inverse.reshape(-1, self.nodes)
         edges, copied, places = split(edges, _normals(xy), np.searchsorted(gids, nodes), facing)
         twins = np.column_stack([copied, len(gids) + np.arange(len(copied))])

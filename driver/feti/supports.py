@@ -42,6 +42,6 @@ def free_along(gid: np.ndarray, direction: np.ndarray, fixed_keys: np.ndarray) -
     return np.abs(direction * free).max(axis=1, initial=0) > ALONG
 
 
-def held_nodes(gid: np.ndarray, fixed) -> np.ndarray:
-    """True where both displacement components of a vertex are fixed."""
-    return np.isin(2 * gid, fixed[0]) & np.isin(2 * gid + 1, fixed[0])
+def held_nodes(gid: np.ndarray, fixed_keys: np.ndarray) -> np.ndarray:
+    """(n,) whether supports fix both displacement components of vertices (n,)."""
+    return np.isin(2 * gid, fixed_keys) & np.isin(2 * gid + 1, fixed_keys)

@@ -5,7 +5,7 @@ is refused.
 import numpy as np
 import pytest
 
-from driver.contact import held
+from driver.contact import held, mortar
 from driver.contact.side import Side
 from driver.errors import InputError
 
@@ -54,8 +54,8 @@ def lost(fixed: list, frictional=True, n=4, m=3) -> list[int]:
     keys = np.sort([2 * (node + (n + 1) * side) + c for side, node, c in fixed])
     gids = np.arange(n + 1), n + 1 + np.arange(m + 1)
     facing = np.ones((n, m), bool)
-    return np.flatnonzero(held.yielding(first, second, gids, keys, frictional, facing,
-                                        None)).tolist()
+    return np.flatnonzero(held.yielding(first, second, gids, keys, first.nodal_normals(),
+                                        np.full(n + 1, frictional), facing, None)).tolist()
 
 
 def test_nodes_are_held_along_what_the_other_body_can_follow():
@@ -67,14 +67,32 @@ def test_nodes_are_held_along_what_the_other_body_can_follow():
     assert lost([(0, 2, 1), (0, 3, 0), (0, 3, 1)]) == [2, 3]
     # whatever the ratio of the meshes at the common end
     assert lost([(0, 4, 0), (1, 9, 0)], m=9) == lost([(0, 4, 0), (1, 1, 0)], m=1) == []
+    assert lost([(0, 0, 0), (1, 0, 0)], n=1, m=1) == []
+
+
+def test_of_places_only_what_they_meet_counts():
+    """Of a quadratic side's ends and middles, by an edge of the other; none beyond its end."""
+    first, second = flat(2, 0.0, up=False), flat(4, 0.0, up=True)
+    second.xy[:, 0] *= 0.9
+    node, of, value = mortar.met_at_nodes(first, second)
+    met = {k: np.bincount(of[node == k], value[node == k], 5) / (node == k).sum() * 2
+           for k in (0, 1)}
+    np.testing.assert_allclose(met[0], [1, 0, 0, 0, 0], atol=1e-12)
+    assert met[1] @ second.xy[:, 0] == pytest.approx(0.5) and 2 not in node
 
 
 def test_an_edge_between_held_nodes_is_refused():
     first, labels = flat(3, 0.0, up=False), np.array([5, 5, 7])
     pairs = [(5, 16), (7, 26)]
-    held.check_passed_on(first, labels, np.array([True, False, True, False]), pairs)
-    with pytest.raises(InputError, match=r"boundary 7 .* \(0.833333, 0\), where 26 can move"):
-        held.check_passed_on(first, labels, np.array([True, False, True, True]), pairs)
+    apart = np.array([True, False, True, False])
+    held.check_passed_on(first, labels, apart, apart, pairs, False)
+    stands = np.ones(4, bool)
+    held.check_passed_on(first, labels, ~stands, stands, pairs, False)  # nothing moves there
+    for both, advice in ((False, "name 26 first"), (True, "belong elsewhere than on their contact")):
+        with pytest.raises(InputError, match=r"boundary 7 .* \(0.833333, 0\), where 26 can move: "
+                           f".*{advice}"):
+            held.check_passed_on(first, labels, np.array([False, False, False, True]),
+                                 np.array([True, False, True, True]), pairs, both)
 
 
 @pytest.mark.parametrize("element", ["P1", pytest.param("P2", marks=pytest.mark.slow)])
