@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 NOTICEABLE = 0.01
+ROUNDING = 1e-9  # part of a distance by which one that stays the same may change
 SHARP = 8.0  # a turn that is so many times as large as the median one is a kink
 MOST = 20  # times the steps, up to which a number is looked for that has kinks at its ends
 CLOSE = 0.02  # part of a step by which a kink may miss its end
@@ -48,30 +49,35 @@ def departures(manifest, stride: int = 1) -> list[Departure]:
 def of_obstacles(motion, steps: int, stride: int = 1) -> dict[str, tuple[float, float]]:
     """Departures of an ObstacleMotion from every `stride`-th of `steps`, and when, by name.
 
-    Relative to the largest value; of what has more times than steps those tell.
+    Relative to the largest value; of what has more times than steps those tell. Distances, which
+    follow from rigid motions where there are any, count where there are none.
     """
     every = (len(motion.times) - 1) // steps * stride
     if every <= 1:
         return motion.missed
     parts = {"obstacleX": motion.shift[..., 0], "obstacleY": motion.shift[..., 1],
-             "obstacleAngle": motion.angle, "the distance of an obstacle": motion.gap}
+             "obstacleAngle": motion.angle}
+    moving = {name: values for name, values in parts.items() if np.ptp(values, axis=0).any()}
+    if not moving and len(motion.gap) == len(motion.times):
+        moving = {"the distance of an obstacle": motion.gap}
     found = {}
-    for name, values in parts.items():
-        if len(values) < len(motion.times):
-            continue  # distances of one time, where contact follows the motion
-        moved = values - values[0]
-        # nodes of one obstacle have one history: those of a rigid motion, or unlike distances
-        moved = np.unique(moved.T, axis=0).T
+    for name, values in moving.items():
+        moved = np.unique((values - values[0]).T, axis=0).T  # nodes of an obstacle have one history
         away = np.array([_away(motion.times, column, every) for column in moved.T]).T
         largest = np.abs(moved).max(initial=0.0)
-        if largest > 0:
+        if largest > ROUNDING * np.abs(values).max(initial=0.0):
             k = int(away.max(axis=1).argmax())
             found[name] = float(away[k].max() / largest), float(motion.times[k])
     return found
 
 
-def misses(manifest, motion, stride: int) -> bool:
-    """Whether every `stride`-th step misses what a load or an obstacle does noticeably."""
+def misses(effects, manifest, motion, stride: int) -> bool:
+    """Whether every `stride`-th step misses noticeably what a load or an obstacle does.
+
+    Without friction the end does not depend on the way to it: nothing is missed.
+    """
+    if not effects.frictional:
+        return False
     moving = of_obstacles(motion, manifest.steps, stride) if motion else {}
     return bool(departures(manifest, stride)) or any(size > NOTICEABLE
                                                      for size, _ in moving.values())

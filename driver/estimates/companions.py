@@ -167,11 +167,12 @@ class Companions:
         """That of the times at which the two coarser meshes are compared: every second one, if
         histories with friction do not turn in between, whose end depends on the way.
         """
-        return 1 if self.effects.frictional and self.misses(2) else self.stride(2)
+        return 1 if self.misses(2) else self.stride(2)
 
     def misses(self, stride: int) -> bool:
         """Whether every `stride`-th time misses what the history does."""
-        return misses(self.manifest, self.operator.structure.contact.motion_of_all_times, stride)
+        motion = self.operator.structure.contact.motion_of_all_times
+        return misses(self.effects, self.manifest, motion, stride)
 
     def _mesh(self) -> dict[str, Part]:
         """Coarser meshes, the coarsest against the middle one, at fewer times; held within what

@@ -10,6 +10,7 @@ force is the reaction, the springs' and the point load at its vertex.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -250,6 +251,15 @@ class _Label:
         return _integral(self.edges[s], u.reshape(-1, 2)) / self.length, force
 
 
+class Place(NamedTuple):
+    """Where a point lies in the triangle of a subdomain that it is deepest in."""
+
+    depth: float  # smallest of the coordinates
+    triangle: int
+    at: np.ndarray  # (3,) barycentric coordinates
+    subdomain: int
+
+
 class _Point:
     """A probed point."""
 
@@ -262,19 +272,20 @@ class _Point:
         # nodes there, of every subdomain
         self.near = [np.linalg.norm(sub.xy - xy, axis=1) <= 1e-9 * np.ptp(sub.xy, axis=0).max()
                      for sub in self.subs]
-        found = [(*_nearest(sub, xy), first + s) for s, sub in enumerate(self.subs)]
-        found = [(*place, _on(sub, *place[1:3]), _moves_alike(sub, place[1], joined))
-                 for sub, place in zip(self.subs, found)]
+        found = [Place(*_nearest(sub, xy), first + s) for s, sub in enumerate(self.subs)]
         places = [place for part in operator.comm.allgather(found) for place in part]
-        depth = max(place[0] for place in places)
+        depth = max(place.depth for place in places)
         if depth < -OUTSIDE:
             raise InputError(f"probePoints: ({xy[0]:g}, {xy[1]:g}) lies outside the body")
         depth = min(depth, -ON_SIDE)  # on common sides any subdomain is as good: the first one
-        inside = [place for place in places if place[0] >= depth]
-        _, self.triangle, self.place, owner, *_ = inside[0]
-        self.own = owner - first
-        others = {on for *_, on, alike in inside if not alike} - {inside[0][-2]}
-        self.shared = bool(others) and not inside[0][-1]
+        inside = [place for place in places if place.depth >= depth]
+        self.triangle, self.place, self.own = inside[0].triangle, inside[0].at, (
+            inside[0].subdomain - first)
+        own = [place for place in inside if 0 <= place.subdomain - first < len(self.subs)]
+        known = [_on(self.subs[place.subdomain - first], place, joined) for place in own]
+        known = [on for part in operator.comm.allgather(known) for on in part]
+        others = {on for on, alike in known if not alike} - {known[0][0]}
+        self.shared = bool(others) and not known[0][1]
         if self.shared:
             self.near = [near & ~np.isin(sub.node_gid, sorted(set().union(*others)))
                          for near, sub in zip(self.near, self.subs)]
@@ -304,14 +315,13 @@ def _nearest(sub, xy: np.ndarray) -> tuple[float, int, np.ndarray]:
     return float(parts[triangle].min()), triangle, parts[triangle]
 
 
-def _on(sub, triangle: int, place: np.ndarray) -> frozenset[int]:
-    """Gids of the vertices of the triangle's side, or of the vertex, that a place lies on."""
-    return frozenset(sub.node_gid[sub.triangles[triangle][place > ON_SIDE]].tolist())
-
-
-def _moves_alike(sub, triangle: int, joined: list[int]) -> bool:
-    """Whether the triangle has a vertex on a boundary that is `joined`."""
-    return bool(np.isin(sub.triangles[triangle], sub.edges[np.isin(sub.edge_label, joined)]).any())
+def _on(sub, place: Place, joined: list[int]) -> tuple[frozenset[int], bool]:
+    """Gids of the vertices of the side, or the vertex, that a place lies on, if on any; and whether
+    it is on boundaries that are `joined`.
+    """
+    nodes = sub.triangles[place.triangle][place.at > ON_SIDE]
+    tied = sub.edges[np.isin(sub.edge_label, joined)]
+    return frozenset(sub.node_gid[nodes].tolist()), bool(np.isin(nodes, tied).all())
 
 
 def _on_curved(corner: np.ndarray, xy: np.ndarray, start: np.ndarray) -> np.ndarray:

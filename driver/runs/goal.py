@@ -115,8 +115,8 @@ class Search(Trials):
         self.sizes.append(self._halved)
         while not self._refines(self.sizes[-1]):
             if self.coarsening <= FIXED:
-                raise InputError(f"{self.knob.upper()} does not change this scene's mesh: ACCURACY "
-                                 "has nothing to choose")
+                raise InputError(f"{self.knob.upper()} does not change this scene's mesh, or not its "
+                                 "contact boundary: ACCURACY has nothing to choose")
             self.coarsening /= 2
             self.sizes = [self.sizes[-1], self._halved]
 
@@ -259,7 +259,7 @@ class Search(Trials):
         budget = self.budget()
         values, errors = ({name: entry[key] for name, entry in budget.items()}
                           for key in ("value", "total"))
-        if self.name in vanishing(values, errors):
+        if self.name in vanishing(values, errors) or not values[self.name]:
             error = f" but for its error of {errors[self.name]:.1g}" if errors[self.name] else ""
             raise NoSolution(f"the {self.words} is zero{error} (by symmetry, or as nothing "
                              "slides): it has no relative error to be met; ask for another "

@@ -62,7 +62,7 @@ class Tried:
 
     def misses(self, stride: int) -> bool:
         """As of estimates.companions.Companions."""
-        return self.effects.frictional and between_steps.misses(self.manifest, self.motion, stride)
+        return between_steps.misses(self.effects, self.manifest, self.motion, stride)
 
     def level(self, mesh: dict, stride: int = 1, quiet: bool = True):
         """A run on a mesh at every `stride`-th of the chosen steps, None if it fails."""

@@ -55,8 +55,8 @@ class Trials:
     def follow(self, problem) -> None:
         """Take the history of a `problem` of the scene, in as few steps as the choice starts with.
 
-        Where friction remembers the way they miss nothing noticeable of it, unless the scene's own
-        number of steps does.
+        Where friction remembers the way they miss nothing noticeable of it; of jumps, which any
+        steps miss, no more are made than the scene's own.
         """
         manifest = problem.manifest
         # of a history that is sampled so finely nothing is known between the samples
@@ -67,12 +67,13 @@ class Trials:
         self.stride = 1
         if self.effects.quasistatic:
             self.stride = math.gcd(SAMPLING * FEWEST, self.total, manifest.cycle_start)
-            while self.stride > SAMPLING and self._misses(self.stride):
+            least = SAMPLING if self._misses(2) else 1
+            while self.stride > least and self._misses(self.stride):
                 self.stride //= 2
 
     def _misses(self, stride: int) -> bool:
-        """Whether every `stride`-th time misses what the history does, where that matters."""
-        return self.effects.frictional and misses(self.history, self.motion, stride)
+        """Whether every `stride`-th time misses what the history does."""
+        return misses(self.effects, self.history, self.motion, stride)
 
     # ---- runs ------------------------------------------------------------------------------------
     def mesh(self, size) -> dict:

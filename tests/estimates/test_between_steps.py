@@ -113,35 +113,51 @@ def test_proportional_loading_has_no_share_of_time(budget_of):
         assert entry["time"] <= 1e-5 * abs(entry["value"])
 
 
-def obstacles(history, steps: int, nodes: int = 3, t_end: float = 2.0) -> ObstacleMotion:
-    """Obstacles that sink by a history, of several nodes alike."""
+FRICTION, NONE = SimpleNamespace(frictional=True), SimpleNamespace(frictional=False)
+
+
+def obstacles(history, steps: int, rigid=True, far=0.0, t_end=2.0) -> ObstacleMotion:
+    """Obstacles that sink by a history, of three nodes alike; as rigid bodies, or by distances."""
     times = np.linspace(0.0, t_end, steps + 1)
-    sunk = np.tile([history(t) for t in times], (nodes, 1)).T
-    none, shift = np.zeros((nodes, 2)), np.zeros((steps + 1, nodes, 2))
-    shift[..., 1] = sunk
-    return ObstacleMotion(times, 5.0 + sunk, shift, 0 * sunk, none, none, none,
-                          missed={"obstacleY": (0.0, 0.0)})
+    sunk = np.tile([history(t) for t in times], (3, 1)).T
+    none, shift = np.zeros((3, 2)), np.zeros((steps + 1, 3, 2))
+    if rigid:
+        shift[..., 1] = sunk
+    return ObstacleMotion(times, far + sunk, shift, 0 * sunk, none, none, none,
+                          missed={"obstacleY": (0.03, 0.2)})
 
 
-@pytest.mark.parametrize("turns, stride, missed", [(1.0, 1, 0.0), (1.0, 10, 0.0), (1.0, 8, 0.2),
-                                                   (0.9, 10, 0.1), (0.9, 1, 0.0)])
-def test_obstacles_that_turn_between_the_steps(turns, stride, missed):
-    """Of what moves; counted from the last step. By 2.5 and 2 steps of 20 times the kink is half a
-    step from one of their ends at most, and 0.1 from one.
+@pytest.mark.parametrize("rigid", [True, False])
+@pytest.mark.parametrize("turns, stride, missed", [(1.0, 10, 0.0), (1.0, 8, 1 / 4), (0.9, 10, 0.1),
+                                                   (1.0, 4, 0.1)])
+def test_obstacles_that_turn_between_the_steps(rigid, turns, stride, missed):
+    """Rising to `turns` and at rest: steps, counted from the last one, that have the turn inside
+    miss by the height of the triangle that they cut off.
     """
-    motion = obstacles(lambda t: min(t, turns), 20)
-    found = between_steps.of_obstacles(motion, 20, stride)
-    size, when = found["obstacleY"]
-    assert size == pytest.approx(missed, abs=0.1) and (size > 0.01) == (missed > 0)
-    assert not missed or when == pytest.approx(turns)
+    motion = obstacles(lambda t: min(t, turns), 20, rigid, far=5.0)
+    (name, (size, when)), = between_steps.of_obstacles(motion, 20, stride).items()
+    assert name == ("obstacleY" if rigid else "the distance of an obstacle")
+    ends = np.unique(np.r_[0, np.arange(20, -1, -stride)]) / 10
+    left, right = ends[ends <= turns + 1e-9].max(), ends[ends > turns + 1e-9].min()
+    cut = (turns - left) * (right - turns) / (right - left) / turns
+    assert size == pytest.approx(cut, abs=1e-9) and (cut > 0.01) == (missed > 0)
+    assert not cut > 0.01 or when == pytest.approx(turns)
     still = SimpleNamespace(steps=20, t_end=2.0, between={})
-    assert between_steps.misses(still, motion, stride) == (missed > 0)
-    assert not between_steps.misses(still, None, stride)
-    # as the steps of another number
-    assert between_steps.of_obstacles(motion, 20 // stride).keys() >= {"obstacleY"}
+    assert between_steps.misses(FRICTION, still, motion, stride) == (missed > 0)
+    assert not between_steps.misses(NONE, still, motion, stride)
+    assert not between_steps.misses(FRICTION, still, None, stride)
+
+
+def test_steps_of_an_obstacles_own_number_miss_what_the_export_saw():
+    motion = obstacles(lambda t: t, 20)
+    assert between_steps.of_obstacles(motion, 20) == motion.missed
+    assert between_steps.of_obstacles(motion, 10)["obstacleY"][0] == pytest.approx(0, abs=1e-12)
+    rough = obstacles(lambda t: 1e-16 * (t > 1), 20, rigid=False, far=5.0)
+    assert not between_steps.of_obstacles(rough, 20, 8)  # rounding of a distance is no motion
 
 
 def test_loads_that_turn_between_the_steps_are_missed():
     history = manifest(lambda t: min(t, 0.5), 20)
-    assert [between_steps.misses(history, None, stride) for stride in (1, 2, 4, 8)] == [
+    assert [between_steps.misses(FRICTION, history, None, stride) for stride in (1, 2, 4, 8)] == [
         False, False, True, True]
+    assert not between_steps.misses(NONE, history, None, 8)

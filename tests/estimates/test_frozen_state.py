@@ -8,6 +8,7 @@ import pytest
 from mpi4py import MPI
 
 from driver.contact.states import OPEN, SLIP, STICK
+from driver.contact.motion import ObstacleMotion
 from driver.estimates import adjoint, refinement
 from driver.estimates.adjoint import Adjoint
 from driver.estimates.companions import Companions, _whole
@@ -171,6 +172,21 @@ def test_coarse_meshes_see_the_turns_of_a_history(frictional, history, stride):
         motion_of_all_times=None)))
     of.manifest = SimpleNamespace(steps=4, t_end=1.0, between={1: history})
     assert of.coarse_stride == stride
+
+
+def test_coarse_meshes_see_the_turns_of_obstacles():
+    """Of which loads know nothing."""
+    of, shift = object.__new__(Companions), np.zeros((5, 1, 2))
+    shift[:, 0, 0] = [0, 1, 1, 1, 1]
+    none, still = np.zeros((5, 1)), np.zeros((1, 2))
+    motion = ObstacleMotion(np.arange(5.0), none, shift, none, still, still, still)
+    of.effects = SimpleNamespace(frictional=True)
+    of.operator = SimpleNamespace(structure=SimpleNamespace(contact=SimpleNamespace(
+        motion_of_all_times=motion)))
+    of.manifest = SimpleNamespace(steps=4, t_end=4.0, between={})
+    assert of.coarse_stride == 1
+    shift[:, 0, 0] = np.arange(5)
+    assert of.coarse_stride == 2
 
 
 def test_a_cycle_with_other_steps_has_its_mesh_and_those_steps():

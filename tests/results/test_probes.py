@@ -170,6 +170,23 @@ def test_labels_of_pairs_that_meet_share_their_vertex(solved, named_scene):
                                                                  rel=1e-12)
 
 
+def test_second_labels_that_meet_share_what_they_get(solved, named_scene):
+    """One body under both pairs, with one label each: a vertex between gives half to either."""
+    one = TOUCHING.replace("{more}", "macro probeLabels() [5, 7, 16, 26, 11] //")
+    one = one[:one.index("int[int] left")] + """int[int] low = [11, 12, 16, 14];
+mesh lower = square(9, 4, [2.1*x, y], label = low);
+addBody(change(lower, flabel = (label == 16 && x > 0.93 ? 26 : label)))
+""" + one[one.index("quasistatic"):].replace(" + on(21, u1 = 0., u2 = 0.)", "")
+    run = solved(named_scene("under", one), steps=2)
+    force = {row["probe"]: np.array([row["force_x"], row["force_y"]])
+             for row in run.summary["probes"]}
+    scale = np.linalg.norm(force["label11"])
+    below = force["label16"] + force["label26"]
+    assert np.abs(below + force["label5"] + force["label7"]).max() < 1e-9 * scale
+    assert np.abs(below + force["label11"]).max() < 1e-5 * scale
+    assert force["label16"][1] < 0 and force["label26"][1] < 0
+
+
 @pytest.mark.parametrize("cut", [1, 4])
 @pytest.mark.parametrize("more, reason", [
     ("macro pointLoad2() [0.9, 1., 1., 0.] //\nmacro amplitude2(t) t //",

@@ -14,10 +14,10 @@ from driver.arguments import SHARE
 from driver.contact import equilibrium
 from driver.errors import InputError, NoSolution, NotConverged
 from driver.estimates import successive
-from driver.estimates.budget import Part
+from driver.estimates.budget import Part, extrapolate, formal_order
 from driver.estimates.levels import Levels
 from driver.options import Settings
-from driver.runs import goal, trials
+from driver.runs import goal, search, trials
 from driver.runs.run import Run, execute
 from driver.runs.tolerances import tightened
 
@@ -455,21 +455,27 @@ def test_two_meshes_meet_a_request_by_a_quarter_of_it(sizes, enough, total, met)
     assert search._met({"value": -1.0, "total": total}) is met
 
 
-@pytest.mark.parametrize("frictional, turns, steps", [
-    (True, 2.0, 5), (True, 1.0, 10), (True, 0.7, 20), (False, 1.0, 5)])
-def test_steps_end_where_histories_turn(monkeypatch, frictional, turns, steps):
-    """As few as 5 where nothing turns between their ends, or nothing remembers it; no more than the
-    scene's own for the history alone.
+@pytest.mark.parametrize("frictional, history, steps", [
+    (True, lambda t: t, 5), (True, lambda t: min(t, 1.0), 10), (True, lambda t: min(t, 0.7), 20),
+    (True, lambda t: min(t, 1.025), 80), (True, lambda t: float(t > 1.025), 20),
+    (False, lambda t: min(t, 1.0), 5)], ids=["line", "half", "20", "between", "jump", "smooth"])
+def test_steps_end_where_histories_turn(monkeypatch, frictional, history, steps):
+    """As few as 5 where nothing turns between their ends, or nothing remembers it; for a jump, which
+    no steps follow, no more than the scene's own.
     """
     count = 20 * trials.SAMPLING
     manifest = Shell(steps=count, t_end=2.0, cycle_start=0, amplitudes={
-        "1": [min(t, turns) for t in np.linspace(0, 2, count + 1)]})
+        "1": [history(t) for t in np.linspace(0, 2, count + 1)]})
     monkeypatch.setattr(trials, "Effects",
                         lambda _: SimpleNamespace(quasistatic=True, frictional=frictional))
     of = object.__new__(trials.Trials)
     of.follow(SimpleNamespace(manifest=manifest, structure=SimpleNamespace(
         contact=SimpleNamespace(motion_of_all_times=None))))
     assert of.steps == steps
+    tried = object.__new__(search.Tried)  # as its price list sees it, with these steps
+    tried.effects, tried.motion = of.effects, None
+    tried.manifest = dataclasses.replace(of.history, steps=of.steps)
+    assert tried.misses(4) == (frictional and history(2.0) != 2.0)
 
 
 @dataclasses.dataclass
@@ -485,19 +491,24 @@ class Shell:
 
 @pytest.mark.parametrize("coarser_misses, used", [(False, {4: 10, 2: 20}), (True, {2: 20, 1: 40})])
 def test_the_part_of_time_is_from_steps_that_miss_nothing(coarser_misses, used):
-    """Half the steps on a finer mesh, or twice as many where those would pass over a kink."""
+    """Half the steps on a finer mesh, or twice as many where those would pass over a kink: then the
+    run errs by what it differs by from them, and by what they err.
+    """
     of, ran = object.__new__(trials.Trials), {}
     of.parts, of.timed, of.stride, of.total, of.name, of.asked = {"time": {}}, 1.0, 2, 40, "slip", 1
     of._misses = lambda stride: coarser_misses
+
     def values(size, stride=None):
         stride = stride or of.stride
         ran[stride] = of.total // stride
         return {"slip": 1.0 + 0.01 * stride}
+
     of.values = values
     of.renew_time(0.5)
     assert ran == used and of.timed == 0.5
-    alone = 3 * 0.02 * 1.2 if not coarser_misses else 0.01 * (1 + 3 * 1.2)
-    assert of.parts["time"]["slip"].error == pytest.approx(alone, rel=0.5)
+    change = 0.02 if not coarser_misses else 0.01
+    alone = extrapolate([change], [2.0], formal_order("time", "", "slip"), 1.0, True).error
+    assert of.parts["time"]["slip"].error == pytest.approx(alone + change * coarser_misses)
 
 
 def test_what_even_the_scenes_own_steps_miss_is_said(solved, named_scene):
