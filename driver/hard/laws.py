@@ -79,8 +79,9 @@ def bounds(body: Assembled, manifest, reported: Reported, start: np.ndarray) -> 
     law = manifest.rooms.get("slip_law")
     if law:
         u_t = reported.u_t
-        slip = np.diff(np.vstack([start, u_t]), axis=0) - body.ways()
-        slip = np.cumsum(np.abs(slip), axis=0)
+        ways = body.ways()
+        slip = np.diff(np.vstack([start, u_t]), axis=0) - ways
+        slip, u_t = np.cumsum(np.abs(slip), axis=0), u_t - np.cumsum(ways, axis=0)
         table = np.linspace(0.0, law["range"], len(law["values"]))
         factor = np.interp(slip if law["argument"] == "slip" else np.abs(u_t), table,
                            law["values"])

@@ -115,7 +115,7 @@ class Cycles:
         forces = {name: np.array(values) for name, values in past.forces.items()}
         row = judged(past, step, growth, forces, _largest(solver), self.nothing(solver),
                      ROUNDED * solver.settings.primal_rtol)
-        self._warn(solver, row)
+        self._warn(solver, row, growth)
         past.rows.append(asdict(row))
         step.cycle = past.number
         step.skips = self._skips(solver, row, growth)
@@ -191,9 +191,10 @@ class Cycles:
         return self.length * solver.settings.primal_rtol * float(
             np.max(solver.scales.largest["displacements"]))
 
-    def _warn(self, solver, row: Cycle) -> None:
-        """Where the jump before a cycle errs by more than was foreseen."""
-        grown = max(row.drift, row.wear)
+    def _warn(self, solver, row: Cycle, growth: dict) -> None:
+        """Where the jump before a cycle with a `growth` errs by more than was foreseen."""
+        counted = significant(growth, self.nothing(solver), _largest(solver), row.slip)
+        grown = max((_largest(solver)(growth[name]) for name in counted), default=0.0)
         if row.error > 2 * (self.choice.jumps or 1.0) * row.skipped * grown > 0:
             solver.history.warnings.append(
                 f"cycle {row.cycle}: what grew by up to {grown:.3g} a cycle over the "

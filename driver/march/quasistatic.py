@@ -184,8 +184,18 @@ class QuasistaticSolver:
         rows.gap = self.contact.motion.gap_at(now)[rows.normal_node]
         way = self.contact.way(before, now)
         self.slip.way = way[rows.tangential_node]
+        if self.effects.coefficient_changes:
+            self.slip.travelled = self._travelled(index)[rows.tangential_node]
         if rows.corners is not None:
             rows.corners.rubbed = (way[rows.corners.nodes] != 0).any(axis=1)
+
+    def _travelled(self, index: int) -> np.ndarray:
+        """(n_c,) way of the obstacles' surfaces in all steps before `index`."""
+        ends = self.times[:index]
+        if not self.contact.motion.angle.any():  # then the way between two times is that of steps
+            ends = ends[[0, -1]]
+        return sum((self.contact.way(*step) for step in zip(ends, ends[1:])),
+                   np.zeros(len(self.contact.gid)))
 
     def load(self, index: int, motion: np.ndarray, moved: np.ndarray) -> Load:
         """Load of a step from rigid motions (modes,); `moved` (owned,) is F x for its start x.

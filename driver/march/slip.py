@@ -16,7 +16,8 @@ class SlipState:
     with the factors `weights` (patterns + modes,): kept apart, since increments of motions are
     exact where their sums have lost the digits of the deformation. Friction coefficients that
     depend on slip or displacement are renewed in `rows`. `way` (j,) is that of the surfaces of
-    moving obstacles in the step at hand, 0 where none moves.
+    moving obstacles in the step at hand, `travelled` (j,) that in all steps before, 0 where none
+    moves: laws see displacements relative to the surface.
     """
 
     def __init__(self, operator: DualProblem, rows: ContactRows, effects, initial: np.ndarray):
@@ -26,6 +27,7 @@ class SlipState:
         self.elastic = initial[rows.tangential_node]
         self.weights = np.zeros(operator.structure.patterns + operator.modes)
         self.way: np.ndarray | float = 0.0
+        self.travelled: np.ndarray | float = 0.0
 
     @property
     def u_t(self) -> np.ndarray:
@@ -39,7 +41,7 @@ class SlipState:
     def renew_coefficient(self, gradient: np.ndarray) -> None:
         """Friction coefficients at the tangential displacements of the latest iterate."""
         if self.effects.coefficient_changes:
-            last = self.u_t + self.way  # where a node is that does not slide
+            last = self.u_t - self.travelled  # where a node is on the surface before the step
             u_t = last - gradient[self.rows.tangential]
             factor = self.effects.coefficient_factor(self.rows.tangential_node, u_t, last)
             self.rows.coefficient = self.coefficient * factor

@@ -10,7 +10,6 @@ force is the reaction, the springs' and the point load at its vertex.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -20,12 +19,11 @@ from ..feti.operator import DualOperator
 from ..march.step import Step
 from ..scene import elements, sides, springs
 from .contact_state import HELD, JOINTS, constrained_keys
+from .places import ON_SIDE, Place, nearest, on_side
 from .shares import label_shares
 from .tables import PROBES
 
 OUTSIDE = 0.25  # of an element's height; nearer ones belong to a curved side that chords cut off
-ON_SIDE = 1e-9  # of an element's height from which a place is on the side
-STEPS = 8  # of Newton's method for a place in a curved triangle, from that in the straight one
 MEANS = {2: (1 / 2, 1 / 2), 3: (1 / 6, 1 / 6, 4 / 6)}  # of shape functions of an edge's nodes
 
 
@@ -251,15 +249,6 @@ class _Label:
         return _integral(self.edges[s], u.reshape(-1, 2)) / self.length, force
 
 
-class Place(NamedTuple):
-    """Where a point lies in the triangle of a subdomain that it is deepest in."""
-
-    depth: float  # smallest of the coordinates
-    triangle: int
-    at: np.ndarray  # (3,) barycentric coordinates
-    subdomain: int
-
-
 class _Point:
     """A probed point."""
 
@@ -272,7 +261,7 @@ class _Point:
         # nodes there, of every subdomain
         self.near = [np.linalg.norm(sub.xy - xy, axis=1) <= 1e-9 * np.ptp(sub.xy, axis=0).max()
                      for sub in self.subs]
-        found = [Place(*_nearest(sub, xy), first + s) for s, sub in enumerate(self.subs)]
+        found = [Place(*nearest(sub, xy), first + s) for s, sub in enumerate(self.subs)]
         places = [place for part in operator.comm.allgather(found) for place in part]
         depth = max(place.depth for place in places)
         if depth < -OUTSIDE:
@@ -282,7 +271,7 @@ class _Point:
         self.triangle, self.place, self.own = inside[0].triangle, inside[0].at, (
             inside[0].subdomain - first)
         own = [place for place in inside if 0 <= place.subdomain - first < len(self.subs)]
-        known = [_on(self.subs[place.subdomain - first], place, joined) for place in own]
+        known = [on_side(self.subs[place.subdomain - first], place, joined) for place in own]
         known = [on for part in operator.comm.allgather(known) for on in part]
         others = {on for on, alike in known if not alike} - {known[0][0]}
         self.shared = bool(others) and not known[0][1]
@@ -298,45 +287,6 @@ class _Point:
             nodes = sub.elements[self.triangle]
             moved = elements.shapes(len(nodes), self.place[None])[0] @ u.reshape(-1, 2)[nodes]
         return moved, _by_component(sub, (reaction + load + sprung) * self.near[s][sub.dof_node])
-
-
-def _nearest(sub, xy: np.ndarray) -> tuple[float, int, np.ndarray]:
-    """Smallest coordinate, triangle, coordinates (3,) of the triangle that a place is deepest in.
-
-    Coordinates are barycentric.
-    """
-    corner = sub.xy[sub.triangles]
-    edge = corner[:, [2, 0, 1]] - corner[:, [1, 2, 0]]  # opposite to each vertex
-    parts = elements.cross(edge, xy - corner[:, [1, 2, 0]])
-    parts = parts / parts.sum(axis=1, keepdims=True)
-    if sub.curved:
-        parts = _on_curved(sub.corner, xy, parts)
-    triangle = int(np.argmax(parts.min(axis=1)))
-    return float(parts[triangle].min()), triangle, parts[triangle]
-
-
-def _on(sub, place: Place, joined: list[int]) -> tuple[frozenset[int], bool]:
-    """Gids of the vertices of the side, or the vertex, that a place lies on, if on any; and whether
-    it is on boundaries that are `joined`.
-    """
-    nodes = sub.triangles[place.triangle][place.at > ON_SIDE]
-    tied = sub.edges[np.isin(sub.edge_label, joined)]
-    return frozenset(sub.node_gid[nodes].tolist()), bool(np.isin(nodes, tied).all())
-
-
-def _on_curved(corner: np.ndarray, xy: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """(n_t, 3) coordinates of a place in triangles with curved sides, by Newton's method.
-
-    `start` (n_t, 3) are those in the straight triangles; where these are far away they stay.
-    """
-    near = np.flatnonzero(start.min(axis=1) > -1.0)
-    parts, found = start.copy(), start[near]
-    for _ in range(STEPS):
-        place, tangent = elements.located(corner[near], found)
-        step = np.linalg.solve(tangent.transpose(0, 2, 1), (xy - place)[..., None])[..., 0]
-        found = found + np.column_stack([-step.sum(axis=1), step])
-    parts[near] = found
-    return parts
 
 
 def _edges_of(sub, label: int) -> _Edges:

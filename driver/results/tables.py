@@ -78,7 +78,8 @@ HISTORY = (
     *(Column(f"nodes_{name}", "1", f"contact nodes with status {name}") for name in STATUS_NAMES),
     Column("contact_length", "length", "lengths of the dual segments in contact, summed"),
     Column("max_displacement", "length", "largest |u| of a node"),
-    Column("peak_pressure", "stress", "largest contact pressure of a node"),
+    Column("peak_pressure", "stress", "largest contact pressure of a node; of bilateral "
+           "contact the largest |sigma_n|"),
     Column("dissipated", ENERGY, "work that friction has taken since time 0"),
     Column("kkt_{}", "1", "relative residual of this part of the KKT conditions"),
 )
@@ -90,7 +91,8 @@ BOUNDARIES = (
     Column("tangential_resultant", FORCE, "shear traction sigma_t summed over the boundary"),
     Column("force_x", FORCE, "contact force on the body that carries the contact nodes"),
     Column("force_y", FORCE, "contact force on the body that carries the contact nodes"),
-    Column("peak_pressure", "stress", "largest contact pressure, located between nodes"),
+    Column("peak_pressure", "stress", "largest contact pressure, located between nodes; "
+           "of bilateral contact the largest |sigma_n|"),
     Column("contact_length", "length", "length in contact, its edges located between nodes"),
     Column("slip", "length", "longest way that a point has slid in contact since time 0"),
     Column("dissipated_energy", ENERGY, "work that friction has taken since time 0"),
@@ -126,7 +128,8 @@ CYCLES = (
     Column("wear", "length", "largest growth of the worn depth"),
     Column("dissipated", ENERGY, "work that friction takes in the cycle"),
     Column("skipped", "1", "cycles jumped over before it"),
-    Column("error", "length", "by how much the jump may err in what grows, drift or wear"),
+    Column("error", "length", "by how much the jump may err in what grows: drift, wear or, where a "
+           "law depends on it, accumulated slip"),
 )
 
 CONVERGENCE = (

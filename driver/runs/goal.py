@@ -115,8 +115,8 @@ class Search(Trials):
         self.sizes.append(self._halved)
         while not self._refines(self.sizes[-1]):
             if self.coarsening <= FIXED:
-                raise InputError(f"{self.knob.upper()} does not change this scene's mesh, or not its "
-                                 "contact boundary: ACCURACY has nothing to choose")
+                raise InputError(f"{self.knob.upper()} does not change this scene's mesh, or not "
+                                 "its contact boundary: ACCURACY has nothing to choose")
             self.coarsening /= 2
             self.sizes = [self.sizes[-1], self._halved]
 

@@ -144,7 +144,7 @@ def test_nodes_that_face_nothing_yet_have_rows_of_their_own():
     nodes.family[here], nodes.meeting = 1, [[(8, 9)]]
     covered, none = np.arange(len(here)) % 2 == 0, np.zeros(len(here))
     whole = nodes.weight[here]
-    sides = SimpleNamespace(about=None, couple=lambda pairs, gid, normal, twin, reach: (
+    sides = SimpleNamespace(about=None, couple=lambda pairs, gid, normal, twin, rubs, reach: (
         np.where(covered, 0.5 * whole, 0.0), nodes.length[here], normal, none,
         (np.flatnonzero(covered), np.full(covered.sum(), 77), np.full(covered.sum(), -1.0),
          np.ones(covered.sum(), bool))))
@@ -241,7 +241,7 @@ class Faced:
         self.configuration = configuration
         return self
 
-    def couple(self, pairs, gid, normal, twin, reach):
+    def couple(self, pairs, gid, normal, twin, rubs, reach):
         assert pairs == [(8, 9)] and reach == 7.0
         faces = np.arange(len(gid)) % 2 == 0
         weight = np.where(faces, self.nodes.weight[self.here], 0.0)

@@ -88,7 +88,7 @@ def test_an_edge_between_held_nodes_is_refused():
     held.check_passed_on(first, labels, apart, apart, pairs, False)
     stands = np.ones(4, bool)
     held.check_passed_on(first, labels, ~stands, stands, pairs, False)  # nothing moves there
-    for both, advice in ((False, "name 26 first"), (True, "belong elsewhere than on their contact")):
+    for both, advice in ((False, "name 26 first"), (True, "elsewhere than on their contact")):
         with pytest.raises(InputError, match=r"boundary 7 .* \(0.833333, 0\), where 26 can move: "
                            f".*{advice}"):
             held.check_passed_on(first, labels, np.array([False, False, False, True]),

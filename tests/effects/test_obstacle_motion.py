@@ -405,3 +405,37 @@ def test_a_roller_drags_as_it_creeps(solved):
         ratio.append(-table["tangential_resultant"][here] / table["normal_resultant"][here])
     assert ratio == sorted(ratio)
     np.testing.assert_allclose([ratio[0], ratio[-1]], [-0.5, 0.5], rtol=1e-6)
+
+
+@pytest.mark.parametrize("law", ["slipFactor", "displacementFactor"])
+def test_laws_of_sliding_know_no_difference_between_body_and_obstacle(solved, named_scene, law):
+    """A block dragged along a floor, or the floor drawn away under it: same forces and work."""
+    text = """include "scene.idp"
+units("mm", "MPa");
+real h = meshSize(0.5);
+int n = rint(1./h);
+body = square(2*n, n, [2.*x + 0.3*y, y]);
+quasistatic(2.);
+real slipRange = 1.;
+macro young() 1000. //
+macro poisson() 0.3 //
+macro contact() 1 //
+macro obstacle(x, y) y //
+macro friction() 0.4 //
+macro LAW(s) (1. - 0.9*s) //
+macro amplitude1(t) min(1., t) //
+""".replace("LAW", law)
+    ways = {"body": """macro displacement1() on(3, u2 = -0.05) //
+macro displacement2() on(3, u1 = 0.6) //
+macro amplitude2(t) max(0., t - 1.) //
+""", "obstacle": """macro displacement1() on(3, u1 = 0., u2 = -0.05) //
+macro obstacleX(t) (-0.6*max(0., t - 1.)) //
+"""}
+    one, other = (solved(named_scene(f"{law}-{name}", text + way + 'include "export.idp"\n'),
+                         steps=6, rtol=1e-10, friction_rtol=1e-9) for name, way in ways.items())
+    assert one.status == other.status == 0, (one.reason, other.reason)
+    for name in ("sigma_n", "sigma_t", "slip"):
+        scale = np.abs(one.contact[name]).max()
+        np.testing.assert_allclose(one.contact[name], other.contact[name], atol=1e-6 * scale)
+    least = np.abs(one.contact["sigma_t"][-1]).sum() / np.abs(one.contact["sigma_n"][-1]).sum()
+    assert least < 0.25  # of a coefficient of 0.4 that has fallen

@@ -161,14 +161,18 @@ def test_how_many_cycles_are_jumped_over(bends, settled, left, skips):
     assert given._skips(solver, row, growth) == 7 and given.count == 3 + 10
 
 
-@pytest.mark.parametrize("error, told", [(3e-3, False), (3e-1, True)])
-def test_a_jump_that_errs_by_more_than_was_foreseen_is_said(error, told):
+@pytest.mark.parametrize("name, size, error, told", [
+    (WORN, 1.0, 3e-3, False), (WORN, 1.0, 3e-1, True), ("accumulated_slip", 1.0, 3e-3, False),
+    ("accumulated_slip", 1e-3, 3e-3, True)])
+def test_a_jump_that_errs_by_more_than_was_foreseen_is_said(name, size, error, told):
+    """In what grows, of a law of slip what has been slid."""
     solver, of = solver_of(9, "jump 1%")
-    row = SimpleNamespace(drift=0.5, wear=1.0, error=error, skipped=5, cycle=7)
-    of._warn(solver, row)
+    row = SimpleNamespace(drift=1e-6, slip=1.0, error=error, skipped=5, cycle=7)
+    growth = {name: np.array([0.5, 1.0]) * size}
+    of._warn(solver, row, growth)
     assert len(solver.history.warnings) == told
     row.skipped = 0
-    of._warn(solver, row)
+    of._warn(solver, row, growth)
     assert len(solver.history.warnings) == told
 
 

@@ -479,10 +479,22 @@ def test_obstacles_that_move_take_contact_with_them():
     s.contact = SimpleNamespace(
         motion=SimpleNamespace(gap_at=lambda time: time * np.arange(3.0)),
         way=lambda before, now: (now - before) * np.array([0.5, 0.0, 0.0]))
-    s.slip = SimpleNamespace(way=0.0)
+    s.slip, s.effects = SimpleNamespace(way=0.0), SimpleNamespace(coefficient_changes=False)
     s._move_obstacles(2)
     assert s.rows.gap.tolist() == [0, 3, 6] and s.slip.way.tolist() == [1, 0, 0]
     assert s.rows.corners.rubbed.tolist() == [True, False]
+    # laws of displacement see what the surface has travelled before, step by step where it turns
+    s.effects.coefficient_changes, s.contact.gid = True, np.arange(3)
+    s.times, asked = np.array([0.0, 1.0, 3.0, 4.0]), []
+    for angle, steps in ((0.0, [(0, 3)]), (0.1, [(0, 1), (1, 3)])):
+        s.contact.motion.angle = np.array([angle])
+        s.contact.way = lambda before, now: asked.append((before, now)) or (
+            (now - before) * np.array([0.5, 0.0, 0.0]))
+        s._move_obstacles(3)
+        assert s.slip.travelled.tolist() == [1.5, 0, 0] and asked == [(3, 4), *steps]
+        asked.clear()
+    s._move_obstacles(1)
+    assert not s.slip.travelled.any()
 
 
 def test_equilibrium_without_friction_is_that_of_the_dense_box():

@@ -245,7 +245,9 @@ def test_slip_is_measured_from_the_last_step():
 
 
 def test_coefficients_are_those_of_displacements_and_slips():
-    """Of the latest iterate: the law gets where nodes are, and where they were."""
+    """Of the latest iterate: the law gets where nodes are, and where they were, on the surface that
+    has travelled.
+    """
     asked = []
 
     def factor(nodes, u_t, last):
@@ -254,11 +256,11 @@ def test_coefficients_are_those_of_displacements_and_slips():
 
     one = rows(coefficient=np.array([0.5, 0.25]))
     state = slip_state(one, np.zeros(2), coefficient_changes=True, coefficient_factor=factor)
-    state.way = np.array([1.0, 1.0])
+    state.way, state.travelled = np.array([1.0, 1.0]), np.array([2.0, 0.5])
     state.renew_coefficient(np.array([9.0, 9, -0.5, 1.0, 9]))
     (nodes, u_t, last), = asked
-    np.testing.assert_allclose(last, [1.25, 1.5])
-    np.testing.assert_allclose(u_t, [1.75, 0.5])
+    np.testing.assert_allclose(last, [0.25 - 2.0, 0.5 - 0.5])
+    np.testing.assert_allclose(u_t, [0.75 - 2.0, -0.5 - 0.5])
     np.testing.assert_allclose(one.coefficient, [0.75, 0.5])
     assert nodes.tolist() == [0, 1]
 

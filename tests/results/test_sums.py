@@ -9,7 +9,8 @@ import pytest
 from mpi4py import MPI
 
 from driver.contact.states import OPEN, SLIP, STICK, ContactField
-from driver.results import outline, probes, quantities, screen, shares, summary, tables, touch
+from driver.results import (outline, places, probes, quantities, screen, shares, summary, tables,
+                            touch)
 from driver.results.boundaries import _one_boundary
 from driver.results.ledger import shares as seconds_of
 from driver.results.nodal_means import NodalMeans
@@ -242,15 +243,15 @@ def test_places_in_triangles_with_curved_sides():
     parts = np.array([0.2, 0.5, 0.3])
     place = elements.shapes(6, parts[None])[0] @ curved[0]
     straight = np.linalg.solve(np.vstack([corner.T, np.ones(3)]), [*place, 1.0])
-    found = probes._on_curved(curved, place, straight[None])
+    found = places._on_curved(curved, place, straight[None])
     np.testing.assert_allclose(found[0], parts, atol=1e-12)
     far = np.array([[-3.0, 2.0, 2.0]])
-    np.testing.assert_array_equal(probes._on_curved(curved, place, far), far)
+    np.testing.assert_array_equal(places._on_curved(curved, place, far), far)
     sub = SimpleNamespace(xy=XY, triangles=TRIANGLES, curved=False)
-    depth, triangle, at = probes._nearest(sub, np.array([1.2, 0.9]))
+    depth, triangle, at = places.nearest(sub, np.array([1.2, 0.9]))
     np.testing.assert_allclose(at @ XY[TRIANGLES[triangle]], [1.2, 0.9], rtol=1e-13)
     assert triangle == 3 and depth == pytest.approx(at.min())
-    depth, triangle, _ = probes._nearest(sub, np.array([2.5, 0.5]))
+    depth, triangle, _ = places.nearest(sub, np.array([2.5, 0.5]))
     assert triangle == 2 and depth == pytest.approx(-0.5)
 
 

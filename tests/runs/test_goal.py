@@ -460,8 +460,8 @@ def test_two_meshes_meet_a_request_by_a_quarter_of_it(sizes, enough, total, met)
     (True, lambda t: min(t, 1.025), 80), (True, lambda t: float(t > 1.025), 20),
     (False, lambda t: min(t, 1.0), 5)], ids=["line", "half", "20", "between", "jump", "smooth"])
 def test_steps_end_where_histories_turn(monkeypatch, frictional, history, steps):
-    """As few as 5 where nothing turns between their ends, or nothing remembers it; for a jump, which
-    no steps follow, no more than the scene's own.
+    """As few as 5 where nothing turns between their ends, or nothing remembers it; for a jump,
+    which no steps follow, no more than the scene's own.
     """
     count = 20 * trials.SAMPLING
     manifest = Shell(steps=count, t_end=2.0, cycle_start=0, amplitudes={
