@@ -258,8 +258,9 @@ class FoundNodes:
         own = row, nodes.gid[other], value, np.zeros(len(row), bool)
         rigid, whole, terms = ~paired[row], weight.copy(), []
         _, vertex, count = np.unique(nodes.gid[paired], return_inverse=True, return_counts=True)
-        rubs = np.any([nodes.columns[name] != 0 for name in RUBBING if name in nodes.columns],
-                      axis=0) & np.ones(n, bool)
+        rubs = np.zeros(n, bool)
+        for name in nodes.columns.keys() & set(RUBBING):
+            rubs |= nodes.columns[name] != 0
         twin = np.zeros(n, bool)
         twin[paired] = count[vertex] > 1
         for k, pairs in enumerate(nodes.meeting):

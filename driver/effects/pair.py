@@ -34,6 +34,7 @@ class PairSides:
 
     def __init__(self, manifest, subdomains: list[Subdomain], fixed, comm, moved=None):
         labels, self.fixed, self.about = np.unique(manifest.contact_pairs), fixed, None
+        self.at_first = {}  # by labels the nodal normals at first, shared by all that are displaced
         self.axisymmetric = manifest.axisymmetric
         self.nodes = n = 2 if manifest.element == "P1" else 3  # of an edge
         parts = [np.empty((0, 3 + 5 * n))]
@@ -90,8 +91,10 @@ class PairSides:
         # at the tip of a crack both sides are one node, which cannot move from itself
         tip = np.isin(gids, others)
         # rows of contact that follows the motion are those of its start
-        normal = (first if reach is None else self._side(labels, nodes, facing, moved=False)[0]
-                  ).nodal_normals()
+        if reach is not None and labels not in self.at_first:
+            unmoved, *_ = self._side(labels, nodes, facing, moved=False)
+            self.at_first[labels] = unmoved.nodal_normals()
+        normal = first.nodal_normals() if reach is None else self.at_first[labels]
         rubbing = np.zeros(len(gids), bool)
         rubbing[places] = rubs
         lost = ~tip & yielding(first, second, (gids, others), self.fixed[0], normal, rubbing, able,

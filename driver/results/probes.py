@@ -5,8 +5,8 @@ force is what acts on the body through it: tractions, support reactions, springs
 contact, joints. Where labels meet, a node's reaction goes to those that the support names as a
 whole (all their nodes are constrained in that direction), in equal parts, and at a support that is
 a point to all labels there, a contact force as shares.py divides it; so the forces of all labels
-add up to those of the scene, and of each body to its own. A point's
-force is the reaction, the springs' and the point load at its vertex.
+add up to those of the scene, and of each body to its own. A point's force is the reaction, the
+springs' and the point load at its vertex.
 """
 
 from dataclasses import dataclass

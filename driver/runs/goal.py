@@ -165,8 +165,8 @@ class Search(Trials):
         size = self._next({"value": fine, "mesh": part.error})
         if self._nodes(size) <= LARGEST:
             with contextlib.suppress(DriverError):  # the search says why, if it comes to it
-                self.level(size)
                 if self._refines(size):
+                    self.level(size)
                     self.sizes.append(size)
 
     def run(self):
