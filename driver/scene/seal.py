@@ -7,6 +7,7 @@ with that reason.
 
 import hashlib
 import json
+import math
 import mmap
 import os
 import re
@@ -19,7 +20,7 @@ from ..files import write_json
 
 SHARED = "shared.bin"  # what subdomains have in common, where they do
 VALUE = "value.bin"  # what a value of a parameter study changes
-CHUNK = 1 << 22  # bytes read at once
+CHUNK = 1 << 20  # bytes read at once
 # bytes; FreeFEM's buffers are smaller, so this much is not free after one of its writes has failed
 PROBE = 1 << 16
 
@@ -55,7 +56,7 @@ def write(directory: Path, scene: str, names: list[str]) -> Seal:
     if (directory / SHARED).is_file():
         names = [*names, SHARED]
     records, manifest = hashlib.sha256(), (directory / "manifest.json").read_bytes()
-    files = {name: _measure(directory / name, records) for name in names}
+    files = {name: measure(directory / name, records) for name in names}
     files["manifest.json"] = (len(manifest), zlib.crc32(manifest))
     records.update(re.sub(rb'"blocks": \d+', b"", manifest, count=1))
     seal = Seal(scene, records.hexdigest(), files)
@@ -63,11 +64,14 @@ def write(directory: Path, scene: str, names: list[str]) -> Seal:
     return seal
 
 
-def _measure(path: Path, *digests) -> tuple[int, int]:
-    """Size and CRC-32 of a file, which `digests` are updated with as well."""
+def measure(path: Path, *digests, most: float = math.inf) -> tuple[int, int]:
+    """Size and CRC-32 of a file, of its first `most` bytes where it has more.
+
+    `digests` are updated with the same bytes.
+    """
     size = check = 0
     with open(path, "rb") as file:
-        while part := file.read(CHUNK):
+        while part := file.read(min(CHUNK, most - size)):
             size, check = size + len(part), zlib.crc32(part, check)
             for digest in digests:
                 digest.update(part)
@@ -100,10 +104,12 @@ def read(directory: Path, scene: str | None = None) -> Seal:
 def check(seal: Seal, path: Path) -> bytes | mmap.mmap:
     """Bytes of a file, compared with the seal of its export.
 
+    They are compared in pieces: a map of the file holds in memory all that was looked at there.
     Raises InputError with what is wrong with it.
     """
     content = b""
     try:
+        measured = measure(path)
         with open(path, "rb") as file:
             if os.fstat(file.fileno()).st_size:
                 content = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
@@ -115,7 +121,7 @@ def check(seal: Seal, path: Path) -> bytes | mmap.mmap:
                                   "run the scene again") from None
     if path.name not in seal.files:
         raise InputError(f"{path} is not of this export; run the scene again")
-    measured, sealed = (len(content), zlib.crc32(content)), seal.files[path.name]
+    sealed = seal.files[path.name]
     if measured == sealed:
         return content
     others = [name for name, other in seal.files.items() if other == measured]
