@@ -389,6 +389,6 @@ def child_environment(parallel: bool = False, element: str = "P1") -> dict[str, 
     includes = [*map(str, own), env.get("FF_INCLUDEPATH"), "/usr/include/freefem++/idp"]
     plugins = ["/usr/lib/freefem++/mpi" if parallel else None, env.get("FF_LOADPATH"),
                "/usr/lib/freefem++"]
-    env.update(FF_INCLUDEPATH=";".join(filter(None, includes)),
+    env.update(DRIVER_LIBRARY=str(LIBRARY), FF_INCLUDEPATH=";".join(filter(None, includes)),
                FF_LOADPATH=";".join(filter(None, plugins)))
     return env

@@ -122,7 +122,7 @@ def long_modules(root: Path) -> list[str]:
 def wide_lines(root: Path) -> list[str]:
     """Lines of programs and scenes that are too wide, as file:number."""
     paths = [path for folder in ("driver", "edp", "tests") for path in (root / folder).rglob("*")
-             if path.suffix in (".py", ".edp", ".idp")]
+             if path.suffix in (".py", ".edp", ".idp", ".awk")]
     return [f"{path.relative_to(root)}:{number}" for path in sorted(paths)
             for number, line in enumerate(path.read_text().splitlines(), 1) if len(line) > WIDEST]
 

@@ -138,6 +138,23 @@ def test_gmsh_body_with_clockwise_surface_and_stray_point(solved, scene, tmp_pat
     assert finer.summary["sizes"]["primal_dofs"] > 2 * run.summary["sizes"]["primal_dofs"]
 
 
+def test_what_helps_to_draw_a_geometry_is_no_part_of_the_body(solved, scene, tmp_path):
+    """Points and curves apart from its surface, at another z or where a corner is, change no bit.
+    """
+    drawn = """Point(6) = {-5, 9, 3, h}; Point(7) = {-6, 9, 3, h}; Line(6) = {6, 7};
+Point(8) = {0, 0, 0, h};
+Physical Point(1) = {5}; Physical Point(2) = {8}; Physical Curve(7) = {6};
+"""
+    runs = []
+    for name, more in (("bare", ""), ("drawn", drawn)):
+        (tmp_path / f"{name}.geo").write_text(GEO + more)
+        runs.append(solved(scene(extra='include "gmsh.idp"',
+                                 body=f'body = gmshBody("{name}.geo", 0.3);'), subdomains=2))
+    assert [run.status for run in runs] == [0, 0]
+    for name, column in runs[0].contact.items():
+        np.testing.assert_array_equal(column, runs[1].contact[name])
+
+
 def test_material_must_be_declared_and_stable(solved, scene, tmp_path):
     bare = tmp_path / "bare.edp"
     bare.write_text(scene().read_text().replace("macro young() 1. //\n", ""))
