@@ -9,15 +9,17 @@ DEPENDENT = 1e-8  # singular value below which rows of length one depend on one 
 OPPOSITE = 1e-4  # sine of the angle below which two normals count as opposite
 
 
-def corner_pairs(contact, fixed_keys: np.ndarray) -> np.ndarray:
+def corner_pairs(contact, fixed_keys: np.ndarray, yields: np.ndarray) -> np.ndarray:
     """(v, 4) pairs of contact nodes with dependent rows, and how many conditions act at a time.
 
     Two where the vertex can move freely. One where a support leaves it a single displacement, and
     where a body lies between two obstacles that face one another: of those it may meet either.
     Last, whether rows depend exactly: between bodies with a gap they nearly do, as both flanks meet
     places near the other body's corner.
-    `fixed_keys` are 2 gid + component of the displacements that supports fix. Raises InputError
-    where more than two nodes depend on one another.
+    `fixed_keys` are 2 gid + component of the displacements that supports fix; `yields` (n_c,):
+    the node's surface gives way under pressure. Where both do so at a free vertex the pressures
+    follow from where it is, and no rows depend. Raises InputError where more than two nodes depend
+    on one another.
     """
     contact = contact.declared  # nodes of joints have no other rows
     gids, count = np.unique(contact.gid[contact.normal_row >= 0], return_counts=True)
@@ -36,9 +38,13 @@ def corner_pairs(contact, fixed_keys: np.ndarray) -> np.ndarray:
             x, y = contact.xy[nodes[0]]
             raise InputError(f"contact at ({x:g}, {y:g}): more than two conditions meet there on "
                              "what can move; declare contact on less of the boundary")
-        pairs += [(nodes[k], nodes[i], 1 if _opposite(contact.normal[nodes[[k, i]]]) else rank,
-                   _rank([rows[i], rows[k]], DEPENDENT) == rank) for k, i, rank in dependent]
-    pairs += _of_rings(contact, fixed_keys, {k for pair in pairs for k in pair[:2]})
+        for k, i, rank in dependent:
+            acting = 1 if _opposite(contact.normal[nodes[[k, i]]]) else rank
+            if not (acting == 2 and yields[nodes[[k, i]]].all()):
+                pairs.append((nodes[k], nodes[i], acting,
+                              _rank([rows[i], rows[k]], DEPENDENT) == rank))
+    known = {k for pair in pairs for k in pair[:2]} | set(np.flatnonzero(yields).tolist())
+    pairs += _of_rings(contact, fixed_keys, known)
     return np.array(pairs, int).reshape(-1, 4)
 
 

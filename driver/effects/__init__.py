@@ -143,6 +143,9 @@ class Effect:
     def compliance(self, contact) -> np.ndarray | None:
         """(n_c,) by how much a node yields in its normal direction per nodal force."""
 
+    def yields(self, contact) -> np.ndarray | None:
+        """(n_c,) whether the node's surface gives way under pressure, by whatever law."""
+
     def initial_displacement(self, contact) -> np.ndarray | None:
         """(n_c,) tangential displacement at time 0."""
 
@@ -302,6 +305,11 @@ class Effects:
     def compliance(self, contact) -> np.ndarray | None:
         """(n_c,) what the nodes yield per nodal force, None where nothing does."""
         return _sum(room.compliance(contact) for room in self)
+
+    def yields(self, contact) -> np.ndarray:
+        """(n_c,) whether the nodes' surfaces give way under pressure."""
+        yields = _sum(room.yields(contact) for room in self)
+        return np.zeros(len(contact.gid), bool) if yields is None else yields
 
     def homogeneous(self, contact, initial: np.ndarray) -> bool:
         """Whether the solution under twice the load is twice the solution.

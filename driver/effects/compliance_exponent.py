@@ -33,11 +33,11 @@ class Room(Effect):
         self.weight = contact.weight
 
     def closure(self, nodes, force, slip) -> np.ndarray:
-        """(k,) (p/c)^(1/m)."""
+        """(k,) (p/c)^(1/m); of contact that pulls, where m is 1, below zero."""
         c, yields = self.c[nodes], self.c[nodes] > 0
         ratio = np.divide(force / self.weight[nodes], c, out=np.zeros(len(nodes)), where=yields)
-        return np.maximum(ratio, 0.0) ** np.divide(1.0, self.m[nodes], out=np.ones(len(nodes)),
-                                                   where=yields)
+        exponent = np.divide(1.0, self.m[nodes], out=np.ones(len(nodes)), where=yields)
+        return np.where(exponent == 1, ratio, np.maximum(ratio, 0.0) ** exponent)
 
     def _about(self, nodes, force, own) -> np.ndarray:
         """(k,) closures to take tangents about."""
@@ -49,11 +49,15 @@ class Room(Effect):
         return float(self._about(nodes, force, own).max(initial=0.0))
 
     def tangent(self, nodes, force, own, slip, reach) -> tuple[np.ndarray, np.ndarray]:
-        """Closure as a function of the force, about closures z no less than FLOOR of `reach`."""
+        """Closure as a function of the force, about closures z no less than FLOOR of `reach`.
+
+        A linear law is its own tangent, about any.
+        """
         z, slope, offset = self._about(nodes, force, own), *np.zeros((2, len(nodes)))
-        here = np.flatnonzero((self.c[nodes] > 0) & (np.maximum(z, FLOOR * reach) > 0))
+        linear = self.m[nodes] == 1
+        here = np.flatnonzero((self.c[nodes] > 0) & (linear | (np.maximum(z, FLOOR * reach) > 0)))
         c, m, z = self.c[nodes][here], self.m[nodes][here], z[here]
-        stiffness = c * m * np.maximum(z, FLOOR * reach) ** (m - 1)
+        stiffness = c * m * np.maximum(z, FLOOR * reach) ** (m - 1)  # 0^0 is 1
         slope[here] = 1.0 / (stiffness * self.weight[nodes][here])
         offset[here] = z - c * z**m / stiffness
         return slope, offset

@@ -20,6 +20,10 @@ class Room(Effect):
     summary = {"normal_compliance": True}
     estimates, why = ESTIMATE, "the bound knows no energy of the asperities"
 
+    def yields(self, contact) -> np.ndarray:
+        """(n_c,) whether the surface is rough."""
+        return contact.columns["normal_compliance"] > 0
+
     def compliance(self, contact) -> np.ndarray | None:
         """(n_c,) 1 / (c w); with an exponent the law is followed by tangents instead."""
         if "compliance_exponent" in self.manifest.rooms:

@@ -74,7 +74,8 @@ class Closure:
             law = room.closure(self.nodes, force, slip)
             tangent = self.offset[k] + self.slope[k] * force
             # nodes without force may be beyond the gap where a tangent alone says so
-            error += np.where(force > 0, law - tangent, np.maximum(own[k], 0.0))
+            error += np.where((force > 0) | self.rows.pulls, law - tangent,
+                              np.maximum(own[k], 0.0))
             size = max(size, float(np.abs(law).max(initial=0.0)))
         comm = self.qp.operator.comm
         error = comm.allreduce(float(np.abs(error).max(initial=0.0)), op=MPI.MAX)
@@ -86,12 +87,16 @@ class Closure:
         return self.offset.sum(axis=0) + self.slope.sum(axis=0) * x[self.rows.normal]
 
     def _state(self, x, gradient):
-        """Forces (k,), closures of every room (rooms, k) by tangents, and slips (k,)."""
-        force = np.maximum(x[self.rows.normal], 0.0)
+        """Forces (k,), closures of every room (rooms, k) by tangents, and slips (k,).
+
+        Contact that pulls stays on the tangent; nothing else has forces below zero.
+        """
+        force, pulls = x[self.rows.normal], self.rows.pulls
+        force = np.where(pulls, force, np.maximum(force, 0.0))
         # without force the way beyond the gap that the tangent leaves
         over = -gradient[self.rows.normal]
         own = self.offset + self.slope * force
-        own = np.where(force > 0, own, np.where(over < 0, over + own, own))
+        own = np.where((force > 0) | pulls, own, np.where(over < 0, over + own, own))
         slip = np.zeros(len(force))
         if self.slides:
             slip[self.place] = np.abs(gradient[self.rows.tangential])

@@ -31,5 +31,5 @@ def build(manifest: Manifest, subdomains: list[Subdomain], first: int, comm,
     contact = contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm, sides)
     structure = number(manifest, subdomains, first, skeleton, fixed, contact, comm,
                        effects.frictional, effects.compliance(contact))
-    contact.corners = corner_pairs(contact, fixed[0])
+    contact.corners = corner_pairs(contact, fixed[0], effects.yields(contact))
     return structure

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..contact.states import SLIP, ContactField
+from ..contact.states import OPEN, SLIP, ContactField
 from ..feti.gathering import joined
 from ..feti.nodal import NodalFields
 from ..feti.operator import DualOperator
@@ -142,7 +142,7 @@ class ContactState:
             held = held_along(b, self.constrained)
             self._held = friction_of_held(held, values[2], slip, self._held)
             values[1] += self._held
-            values[3, held & (values[0] > 0) & (np.abs(self._held) >= values[2])] = SLIP
+            values[3, held & (values[3] != OPEN) & (np.abs(self._held) >= values[2])] = SLIP
         more = {} if self.worn is None else {WEAR: self._wear(slip, values[0])}
         if step.cycle:
             self._cycle_ends(step)

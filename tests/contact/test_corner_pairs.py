@@ -10,6 +10,7 @@ from driver.contact.corner_pairs import corner_pairs
 
 X, Y = [1.0, 0.0], [0.0, 1.0]
 NONE, FIXED_X = np.empty(0, int), np.array([2 * 4])
+SMOOTH, ROUGH = np.zeros(8, bool), np.ones(8, bool)
 
 
 def vertex(normals, friction: bool, others=()) -> SimpleNamespace:
@@ -38,7 +39,19 @@ def vertex(normals, friction: bool, others=()) -> SimpleNamespace:
     ([X, [-1.0, 0.0]], True, NONE, [(0, 1, 1, 1)]),
     ([X], True, NONE, [])])
 def test_two_conditions_on_what_can_move(normals, friction, fixed, expected):
-    found = corner_pairs(vertex(normals, friction), fixed)
+    found = corner_pairs(vertex(normals, friction), fixed, SMOOTH)
+    assert found.tolist() == [list(pair) for pair in expected]
+
+
+@pytest.mark.parametrize("normals, fixed, yields, expected", [
+    ([X, Y], NONE, ROUGH, []),
+    # what one of them leaves undetermined the other one's law does not know
+    ([X, Y], NONE, np.array([True, False]), [(0, 1, 2, 1)]),
+    # where one acts at a time both rub along the same displacement
+    ([X, [-1.0, 0.0]], NONE, ROUGH, [(0, 1, 1, 1)]),
+    ([X, Y], FIXED_X, ROUGH, [(0, 1, 1, 1)])])
+def test_pressures_of_rough_sides_follow_from_where_the_vertex_is(normals, fixed, yields, expected):
+    found = corner_pairs(vertex(normals, True), fixed, yields)
     assert found.tolist() == [list(pair) for pair in expected]
 
 
@@ -47,11 +60,12 @@ def test_between_bodies_rows_depend_nearly():
     four displacements that nearly are those of two.
     """
     across = [(0, 9, -1.0), (1, 9, -1.0)]
-    assert corner_pairs(vertex([X, Y], True, across), NONE).tolist() == [[0, 1, 2, 1]]
+    assert corner_pairs(vertex([X, Y], True, across), NONE, SMOOTH).tolist() == [[0, 1, 2, 1]]
     nearly = [(0, 9, -0.97), (0, 8, -0.03), (1, 9, -1.0)]
-    assert corner_pairs(vertex([X, Y], True, nearly), NONE).tolist() == [[0, 1, 2, 0]]
+    assert corner_pairs(vertex([X, Y], True, nearly), NONE, SMOOTH).tolist() == [[0, 1, 2, 0]]
     # faced by different parts of the other body they are conditions of their own
-    assert corner_pairs(vertex([X, Y], True, [(0, 9, -1.0), (1, 8, -1.0)]), NONE).tolist() == []
+    apart = [(0, 9, -1.0), (1, 8, -1.0)]
+    assert corner_pairs(vertex([X, Y], True, apart), NONE, SMOOTH).tolist() == []
 
 
 def ring(friction: bool, apart: bool) -> SimpleNamespace:
@@ -85,9 +99,10 @@ def test_a_hole_of_nothing_but_corners_has_one_that_is_not_independent(friction,
     B = np.zeros((8, 15))
     np.add.at(B, (contact.term_node, contact.term_gid), contact.term_value)
     assert np.linalg.matrix_rank(B) == (8 if apart else 7)
-    found = corner_pairs(contact, NONE)
+    found = corner_pairs(contact, NONE, SMOOTH)
     nodes = [np.flatnonzero(contact.gid == gid).tolist() for gid in vertices]
     assert found.tolist() == [[*pair, 2, 0] for pair in nodes]
+    assert not len(corner_pairs(contact, NONE, ROUGH))
     assert all(contact.xy[k].tolist() == [-1, -1] for pair in nodes for k in pair)
 
 

@@ -134,6 +134,74 @@ def test_exponent_one_is_the_diagonal_of_the_dual_operator(solved, scene):
     np.testing.assert_allclose(power.contact["u_n"], line.contact["u_n"], rtol=1e-8)
 
 
+@pytest.mark.parametrize("start", [-1.0, 0.0], ids=["in part", "everywhere"])
+def test_exponent_one_pulls_as_no_exponent_does(solved, scene, start):
+    """On a bilateral boundary sigma_n = -c (u_n - g) has either sign."""
+    change = (("macro load1() pressure(3, 8.) //",
+               f"macro displacement1() on(3, u1 = 0., u2 = 0.05*(x + {start})) //"),
+              ("macro normalCompliance() c //",
+               "macro bilateral() yes //\nmacro normalCompliance() c //"))
+    power, line = (solved(scene(text, *change), cells=3, **TIGHT, **more).contact
+                   for text, more in ((POWER, {"exponent": 1}), (BLOCK, {})))
+    assert line["sigma_n"].max() > 0 and (line["sigma_n"].min() < 0) == (start < 0)
+    size = np.abs(line["sigma_n"]).max()
+    np.testing.assert_allclose(line["sigma_n"], -100 * (line["u_n"] - line["gap"]),
+                               atol=1e-7 * size)
+    np.testing.assert_allclose(power["sigma_n"], line["sigma_n"], atol=1e-7 * size)
+
+
+# into the corner of two rough sides, on one of which the vertex slides as it gives way
+CORNER = """include "scene.idp"
+real m = physical("exponent", 1.);
+subdomains("1x1");
+rectangle(0., 1., 0., 1.);
+macro young() 200. //
+macro poisson() 0.3 //
+macro displacement1() on(3, u1 = 0.004, u2 = -0.01) //
+macro contact() 1, 2 //
+macro friction() 0.4 //
+macro normalCompliance() (1000.*10^(3*(m - 1))) //
+macro normalComplianceExponent() m //
+include "export.idp"
+"""
+SEAT = CORNER.replace("rectangle(0., 1., 0., 1.);", """
+border b1(t = -0.5, 2.) {x = t; y = -0.5; label = 14;}
+border b2(t = -0.5, 1.) {x = 2.; y = t; label = 15;}
+border b3(t = 0., 1.) {x = 2. - t; y = 1.; label = 15;}
+border b4(t = 0., 1.) {x = 1.; y = 1. - t; label = 12;}
+border b5(t = -1., 0.5) {x = -t; y = 0.; label = 11;}
+border b6(t = 0., 0.5) {x = -0.5; y = -t; label = 15;}
+addBody(square(4, 4, [x, y]))
+bodyMaterial("block", 200., 0.3);
+addBody(buildmesh(b1(10) + b2(6) + b3(4) + b4(5) + b5(7) + b6(2)))
+bodyMaterial("seat", 2e6, 0.3);
+macro support() on(14, u1 = 0., u2 = 0.) //""").replace(
+    "macro young() 200. //\nmacro poisson() 0.3 //\n", "").replace(
+    "macro contact() 1, 2 //", "macro contactPair() 1, 11, 2, 12 //")
+
+
+@pytest.mark.parametrize("text, exponent", [
+    (CORNER, 1), (CORNER, 2), (SEAT, 1), pytest.param(SEAT, 0.5, marks=pytest.mark.slow)],
+    ids=["obstacle-1", "obstacle-2", "pair-1", "pair-0.5"])
+@pytest.mark.parametrize("cut", [{"subdomains": 1}, pytest.param({"subdomains": 3},
+                                                                 marks=pytest.mark.slow)])
+def test_both_sides_of_a_corner_obey_their_laws(solved, scene, text, exponent, cut):
+    """p = c (u_n - g)^m and Coulomb's law hold at either node of the vertex, which touches both."""
+    cells = {"cells": 4} if text is CORNER else {}
+    run = solved(scene(text), exponent=exponent, **cells, **TIGHT, **cut)
+    assert run.status == 0, run.reason
+    c = {name: values[-1] for name, values in run.contact.items()}
+    corner = np.flatnonzero((c["x"] == 1) & (c["y"] == 0))
+    assert len(corner) == 2 and (c["sigma_n"][corner] < -0.01).all()
+    law = 1000 * 1e3 ** (exponent - 1) * np.maximum(c["u_n"], 0.0) ** exponent
+    np.testing.assert_allclose(-c["sigma_n"], law, atol=1e-6 * law.max())
+    slides = np.abs(c["slip"]) > 1e-6 * np.abs(c["slip"]).max()
+    np.testing.assert_allclose(c["sigma_t"][slides],
+                               (0.4 * c["sigma_n"] * np.sign(c["slip"]))[slides],
+                               atol=1e-6 * law.max())
+    assert slides[corner].all()
+
+
 @pytest.mark.parametrize("old, new, reason", [
     ("Exponent() m //", "Exponent() 0. //", "normalComplianceExponent is not positive"),
     ("macro normalCompliance() c //", "macro bilateral() yes //\nmacro normalCompliance() c //",

@@ -132,6 +132,24 @@ def test_contact_that_pulls_wears_nothing(solved, scene):
     assert np.abs(away).max() < 1e-6 * c["wear"].max()
 
 
+def test_a_worn_boundary_that_turns_to_pulling_stays_where_it_has_worn(solved, scene):
+    """It slides, pressed, by far more than it wears, and is pulled in the next step: from where the
+    last tangent of the law was taken no force may be left in it.
+    """
+    text = RIGID.replace("1e9", "200.")
+    text = text.replace("subdomains(", "macro bilateral() yes //\nsubdomains(")
+    for old, new in (("macro load1() pressure(3, 5.)", "macro displacement1() on(3, u2 = -0.05)"),
+                     ("on(3, u1 = 3.)", "on(3, u1 = 0.5)"),
+                     ("macro amplitude1(t) min(1., t)", "macro amplitude1(t) (1.5 - t)"),
+                     ("macro amplitude2(t) max(0., t - 1.)", "macro amplitude2(t) (t - 1.)")):
+        assert old in text
+        text = text.replace(old, new)
+    c = solved(scene(text), cells=3, steps=2, k=0.1, **TIGHT).contact
+    assert (c["sigma_n"][0] < 0).all() and c["sigma_n"][1].min() > 0 and c["wear"][1].max() > 1e-4
+    np.testing.assert_array_equal(c["wear"][1], c["wear"][0])  # the block is brought back to x = 0
+    assert np.abs(c["u_n"] - c["gap"] - c["wear"]).max() < 1e-7 * np.abs(c["u_t"]).max()
+
+
 @pytest.mark.parametrize("more", ["", "macro largeSliding() 20. //"], ids=["fixed", "following"])
 def test_worn_contact_lifts_off(solved, named_scene, more):
     """Pressed, dragged over a plane, lifted: an open node may stay as far beyond the gap as it has

@@ -41,7 +41,7 @@ def made(rng, worn=False) -> ContactState:
     of._weights, of._time, of._before = None, 0.0, None
     of.worn = np.zeros(n) if worn else None
     of.constrained, of._held = np.zeros((n, 2), bool), np.zeros(n)
-    of.law = SimpleNamespace(friction_bound=lambda force: 0.4 * force)
+    of.law = SimpleNamespace(friction_bound=lambda force: 0.4 * np.abs(force))
     return of
 
 
@@ -78,16 +78,16 @@ def test_slips_add_up_to_the_way_over_the_obstacle():
 
 def test_a_node_without_a_tangential_row_has_a_bound_and_no_wear():
     """A support holds it along the boundary: friction bound by its pressure. It slides as its
-    support has it, which takes the friction; held in one direction of a slanted boundary it moves,
-    and has none.
+    support has it, which takes the friction, whether it presses or pulls; held in one direction of
+    a slanted boundary it moves, and has none.
     """
-    for constrained in ([True, True], [True, False]):
+    for constrained, pressing in (([True, True], 1), ([True, True], -1), ([True, False], 1)):
         of = made(np.random.default_rng(6), worn=True)
         b = of.boundary
         b.tangential_row[1], of.constrained[1] = -1, constrained
         of.rows.tangential, of.rows.tangential_node = np.array([3, 5]), np.array([0, 2])
-        found = of.evaluate(step(1.0, np.arange(1.0, 7.0), np.zeros(2),
-                                 friction_bound=np.full(2, 9.0)), np.zeros((9, 2)))
+        found = of.evaluate(step(1.0, np.array([1.0, 2.0 * pressing, 3.0, 4.0, 5.0, 6.0]),
+                                 np.zeros(2), friction_bound=np.full(2, 9.0)), np.zeros((9, 2)))
         np.testing.assert_allclose(found[C.BOUND] * b.weight, [9, 0.4 * 2, 9])
         assert found["wear"][1] == 0.0 and (found["wear"][[0, 2]] > 0).all()
         force = -0.4 * 2 * np.sign(found[C.SLIP][1]) if all(constrained) else 0.0
