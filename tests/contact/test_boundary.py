@@ -383,7 +383,8 @@ def vertex(normals, fixed=(), **more):
         "term_node": np.arange(n), "term_gid": np.full(n, 5), "term_value": np.ones(n),
         "term_other": np.zeros(n, bool)}, **more)
     contact.declared = contact
-    return corner_pairs(contact, np.array(fixed, int), np.zeros(len(contact.gid), bool))
+    smooth = np.zeros(len(contact.gid), bool)
+    return corner_pairs(contact, np.array(fixed, int), smooth)
 
 
 def test_conditions_that_depend_at_a_vertex():
