@@ -2,8 +2,8 @@
 
 On a rigid corner a vertex has two contact conditions and two of friction, four rows on at most two
 displacements; where a support leaves it one, two normal rows act on the same. Only sums of their
-multipliers are determined, unless both surfaces are rough (corner_pairs.py). So each corner is in a state that leaves as many multipliers free as
-there are displacements, and holds the others at zero:
+multipliers are determined, unless both surfaces are rough (corner_pairs.py). So each corner is in a
+state that leaves as many multipliers free as there are displacements, and holds the others at zero:
 
     first, second   one of the two nodes acts, with its contact and friction; the other one is open
     both            both press, neither rubs: the vertex stands, and what holds it is contact's
