@@ -58,6 +58,20 @@ def without_wear(record) -> list[str]:
             "contact label"]
 
 
+def held_inside(record) -> list[str]:
+    """A sentence if a support holds a place of a contact boundary inside what it meets."""
+    held = record.held_inside()
+    if not held.any():
+        return []
+    step, node = np.unravel_index(np.argmax(np.where(held, record.inside, 0.0)), held.shape)
+    clamped = record.contact.boundary.clamped
+    x, y = clamped.xy[node]
+    return [f"a support holds the boundary {clamped.label[node]} at ({x:.4g}, {y:.4g}) inside what "
+            f"it meets, by {record.inside[step][node]:.2g} in step {step + 1}: pressures and forces "
+            "beside it grow with every finer mesh; let the support end before the contact label, "
+            "or move it with the obstacle"]
+
+
 def _moulds(b: ContactBoundary) -> list[str]:
     """Of every round boundary whose rigid obstacle has its shape, as none is declared."""
     said = []

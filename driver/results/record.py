@@ -13,6 +13,8 @@ from .shares import label_shares
 from .touch import Touch
 
 ROUND = 1e-6  # change of normals along a boundary that is not straight
+INSIDE = 1e-2  # of the largest displacement: depth of a clamped place inside what it meets
+FORCES = ("peak_pressure", "normal_resultant", "tangential_resultant", "dissipated_energy")
 
 
 class Record:
@@ -28,6 +30,7 @@ class Record:
         self.gaps = []
         self.normals = []  # (n_c, 2) a step, where contact follows the motion
         self.displacements = []  # the largest of the body, one number a step
+        self.inside = []  # (n_k,) a step: how deep clamped nodes are inside what they meet
         self.work = []  # of friction, one array (n_c,) a step, in cycles jumped over too
         # how often steps are gone through, where cycles are jumped over, and work of each cycle
         self.repeats, self.cycle_work = [], []
@@ -58,6 +61,9 @@ class Record:
         squares = np.concatenate([np.zeros(2), *whole]).reshape(-1, 2) ** 2
         largest = float(np.sqrt(squares.sum(axis=1).max()))
         self.displacements.append(max(self.operator.comm.allgather(largest)))
+        clamped = boundary.at(step.time).clamped
+        moved = clamped.values @ step.weights[: clamped.values.shape[2]]
+        self.inside.append((moved * clamped.normal).sum(axis=1) - clamped.gap)
         return fields, state
 
     def _count(self, step: Step) -> None:
@@ -120,11 +126,22 @@ class Record:
         return int(presses.sum()) if any(turns) else 0
 
     def singular_places(self) -> tuple[str, ...]:
-        """Names of the quantities whose values belong to places where they may be infinite."""
+        """Names of the quantities whose values belong to places where they may be infinite.
+
+        Where contact moves the boundary beside a place that a support holds the displacement jumps,
+        and pressure falls from there like the inverse of the distance: forces have no limit.
+        """
         if not self.effects.contact:
             return self.effects.unlimited
-        of_contact = singular_places(*self._columns(), self.quantities()[1])
+        index = self.quantities()[1]
+        of_contact = singular_places(*self._columns(), index)
+        if self.held_inside()[index].any():
+            of_contact = FORCES
         return (*of_contact, *self.effects.unlimited)
+
+    def held_inside(self) -> np.ndarray:
+        """(steps, n_k) whether a support holds clamped nodes inside what they meet."""
+        return np.array(self.inside) > INSIDE * np.array(self.displacements)[:, None]
 
     def _columns(self) -> tuple[dict, dict]:
         """Columns of the nodes and of the steps, as quantities.py takes them."""

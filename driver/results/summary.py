@@ -204,7 +204,7 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
                 *omissions.warnings(structure.contact.start.declared, problem.effects.rooms,
                                     writer.record.displacements, settings, _softest(problem),
                                     manifest.units),
-                *omissions.without_wear(writer.record),
+                *omissions.without_wear(writer.record), *omissions.held_inside(writer.record),
                 *(writer.probes.warnings if writer.probes else [])]
     if optional.get("validity") and optional["validity"]["verdict"] != "ok":
         doubt = optional["validity"]

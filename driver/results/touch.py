@@ -32,6 +32,7 @@ class Touch:
     beside: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     edges: float = 0.0  # length of the element sides in which contact ends
     doubt: float = 0.0  # by how much other nodes would locate its ends elsewhere
+    whole: float = 0.0  # length of all contact boundaries, from node to node
 
     @classmethod
     def of(cls, nodes: dict, steps: dict, index: int, pressing_round: int,
@@ -58,7 +59,9 @@ class Touch:
                    float(apart), np.column_stack([opening, whole])[~closed],
                    sum(_sides(nodes, piece, closed[piece]) for piece in chains(nodes)),
                    sum(doubt_of_ends(nodes, piece, steps, index) for piece in chains(nodes)
-                       if len(piece) > 1))
+                       if len(piece) > 1),
+                   sum(float(np.diff(nodes["arc"][piece]).sum() + beyond_ends(nodes, piece).sum())
+                       for piece in chains(nodes) if len(piece) > 1))
 
     def lighter(self, part: float) -> float:
         """Length of contact whose pressure is below a part of the mean one."""

@@ -356,3 +356,48 @@ include "export.idp"
             in errors["notes"])
     finer = solved(path, errors="yes", h=0.125).summary["errors"]["quantities"]
     assert finer["normal_resultant"]["mesh"] > 0  # of two meshes
+
+
+def test_forces_beside_a_place_held_inside_an_obstacle_have_no_error(solved, named_scene):
+    """A wall moves into a side whose upper end the support holds: the displacement jumps there."""
+    text = """include "scene.idp"
+units("mm", "MPa");
+rectangle(0., 2., 0., 1.);
+quasistatic(1.);
+macro young() 1000. //
+macro poisson() 0.3 //
+macro support() on(3, u1 = 0., u2 = 0.) //
+macro contact() 2 //
+macro obstacleX(t) (-0.02*t) //
+macro friction() 0.3 //
+include "export.idp"
+"""
+    run = solved(named_scene("wall", text), errors="yes", cells=8, steps=2)
+    errors = run.summary["errors"]["quantities"]
+    assert {name for name, entry in errors.items() if entry["total"] is None} >= {
+        "peak_pressure", "normal_resultant", "tangential_resultant"}
+    assert ("a support holds the boundary 2 at (2, 1) inside what it meets, by 0.02 in step 2"
+            in " ".join(run.summary["warnings"]))
+    along = text.replace("macro support()", "macro displacement1()").replace(
+        "u1 = 0., u2 = 0.", "u1 = -0.02, u2 = 0.")
+    moved = solved(named_scene("moved", along), errors="yes", cells=4, steps=2)
+    assert "a support holds" not in " ".join(moved.summary["warnings"])
+
+
+def test_a_round_boundary_in_contact_as_a_whole_is_as_long_as_its_polygon(solved, named_scene):
+    """A hole around a pin that is too large: what the sides lack of the circle is in the claim."""
+    path = named_scene("hole", """include "scene.idp"
+real h = meshSize(0.5);
+border outer(s = 0, 2*pi) {x = 3*cos(s); y = 3*sin(s); label = 2;}
+border inner(s = 2*pi, 0) {x = cos(s); y = sin(s); label = 1;}
+body = buildmesh(outer(rint(18/h)) + inner(rint(12/h)));
+macro young() 1000. //
+macro poisson() 0.3 //
+macro support() on(2, u1 = 0., u2 = 0.) //
+macro contact() 1 //
+macro obstacle(x, y) (sqrt((x)^2 + (y)^2) - 1.002) //
+include "export.idp"
+""")
+    entry = solved(path, errors="yes").summary["errors"]["quantities"]["contact_length"]
+    true = 2 * np.pi - entry["value"]
+    assert true > 0.01 and true < entry["total"] < 4 * true
