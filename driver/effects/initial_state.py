@@ -6,11 +6,12 @@ from . import Effect, RunFacts, entry
 
 
 class Room(Effect):
-    """A nodal column: u_0 . t at the contact nodes."""
+    """Nodal columns: the components of u_0 at the contact nodes."""
 
     def initial_displacement(self, contact) -> np.ndarray:
         """(n_c,) u_0 . t."""
-        return contact.columns["initial"]
+        initial = np.column_stack([contact.columns["initial_x"], contact.columns["initial_y"]])
+        return (initial * contact.tangent).sum(axis=1)
 
     def ledger(self, facts: RunFacts) -> dict[str, dict]:
         """Matters where friction slides."""

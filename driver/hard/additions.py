@@ -1,5 +1,5 @@
 """What some random scenes have beside the rest: a slit, springs, an axis of revolution, a body that
-nothing touches.
+nothing touches, rough surfaces.
 
 Drawn after all else, by dice of their own: what else a seed draws stays the same.
 """
@@ -20,7 +20,7 @@ SLITS, OTHERS = 0.25, 0.08  # shares of the scenes that may have one
 def add(dice: Dice, scene) -> None:
     """Change the bodies of `scene`, a writer of the generator, and what it declares."""
     for make, share in ((_slit, SLITS), (_springs, OTHERS), (_revolve, OTHERS),
-                        (_bystander, OTHERS)):
+                        (_bystander, OTHERS), (_rough, OTHERS)):
         if dice.chance(share):
             make(dice, scene)
 
@@ -104,3 +104,18 @@ def _bystander(dice: Dice, scene) -> None:
         scene.say("support()", held)
     scene.extend(f"load{1 + scene.patterns.index('load')}()", pulled)
     scene.declared["bystander"] = "yes"
+
+
+def _rough(dice: Dice, scene) -> None:
+    """Surfaces yield, all or those of some labels, from hardly to by more than the bodies."""
+    if not (scene.bodies.contact or scene.bodies.pairs):
+        return
+    exponent = dice.pick(1.0, 1.5, 0.7, weights=(3, 1, 1))
+    if scene.declared["contact"] == "bilateral":
+        exponent = 1.0
+    stiffness = scene.modulus * scene.strain / scene.far**exponent
+    scene.say("normalCompliance()", scene.by_label(
+        lambda: stiffness * dice.pick(0.1, 1.0, 30.0, 1e4, 0.0, weights=(1, 2, 2, 1, 1))))
+    if exponent != 1 or dice.chance(0.2):
+        scene.say("normalComplianceExponent()", str(exponent))
+    scene.declared["surface"] = "rough"

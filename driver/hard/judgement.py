@@ -172,7 +172,8 @@ class Problem:
         body = self.body
         if step > 1:
             return laws.Reported.of(body, outcome.contact).u_t[step - 2]
-        return body.columns.get("initial", np.zeros(len(body.gid)))
+        return sum((body.columns.get(f"initial_{x}", 0.0) * body.tangent[:, c]
+                    for c, x in enumerate("xy")), np.zeros(len(body.gid)))
 
 
 def shares_forces(body: Assembled) -> bool:

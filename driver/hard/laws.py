@@ -113,6 +113,7 @@ def violations(body: Assembled, manifest, contact: dict,
     What a support prescribes is no matter of contact. At a corner friction belongs to the one
     condition that is closed (contact/corner_nodes.py): a vertex that rests on both does not slide
     at the end of the step, whatever way it took there, and one that is open has no side to rub on.
+    Rough surfaces are passed by what they yield, which is a scale of displacements as well.
     """
     reported, history = Reported.of(body, contact), manifest.factors
     force = reported.forces(body)
@@ -135,7 +136,10 @@ def violations(body: Assembled, manifest, contact: dict,
     press = max(np.abs(reported.sigma_n).max(), np.abs(reported.sigma_t).max())
     bound = bounds(body, manifest, reported, start)
     held, rubs = supported(body), rubbing(body)
-    over, sigma_n, sigma_t = np.where(held, 0.0, u_n - gap), reported.sigma_n, reported.sigma_t
+    sigma_n, sigma_t = reported.sigma_n, reported.sigma_t
+    yields = closures(body, sigma_n)
+    over = np.where(held, 0.0, u_n - gap - yields)
+    scale = np.maximum(scale, np.abs(yields).max(axis=0, initial=0.0))
     over, one_sided = parts(over, scale), ~pulling(body, manifest)
     # what presses touches, to the accuracy that penetration and distance are judged by
     closed, beside = (np.abs(over) <= RESTS) | (sigma_n < 0), corners(body)
@@ -163,6 +167,14 @@ def violations(body: Assembled, manifest, contact: dict,
             rubs * np.abs(slides), np.where(slides > 0, back, forward)).max(initial=0),
         "balance": max((ratio(net.max(initial=0), largest.max(initial=0)) for net, _ in balance),
                        default=0.0)}
+
+
+def closures(body: Assembled, sigma_n: np.ndarray) -> np.ndarray:
+    """(steps, n_c) by how much rough surfaces yield, with the sign of the pressure."""
+    c = body.columns.get("normal_compliance", np.zeros(len(body.gid)))
+    power = 1.0 / body.columns.get("compliance_exponent", np.ones(len(body.gid)))
+    size = np.divide(np.abs(sigma_n), c, out=np.zeros(sigma_n.shape), where=c > 0) ** power
+    return -np.sign(sigma_n) * size
 
 
 def sizes(body: Assembled, force: np.ndarray) -> np.ndarray:
@@ -245,8 +257,13 @@ def rubbing(body: Assembled) -> np.ndarray:
 
 
 def corners(body: Assembled) -> np.ndarray:
-    """(n_c, n_c) whether two nodes are different conditions at one vertex."""
-    return (body.gid[:, None] == body.gid) & ~np.eye(len(body.gid), dtype=bool)
+    """(n_c, n_c) whether two nodes are conditions at one vertex of which one holds the other up.
+
+    Where both surfaces are rough each follows its own law.
+    """
+    rough = body.columns.get("normal_compliance", np.zeros(len(body.gid))) > 0
+    same = (body.gid[:, None] == body.gid) & ~np.eye(len(body.gid), dtype=bool)
+    return same & ~(rough[:, None] & rough)
 
 
 def resting(body: Assembled) -> np.ndarray:

@@ -41,7 +41,8 @@ def explained(body: Assembled, manifest, one: dict, other: dict, residual: float
     before = np.abs(np.vstack([0 * first.u_t[:1], (first.u_t - second.u_t)[:-1]]))
     n = len(body.gid)
     for step, apart in enumerate(change):
-        matrix, moves = _system(body, first, step, C * force / scale[:, None],
+        yields = C + np.diag(np.append(_slopes(body, first.sigma_n[step]), np.zeros(n)))
+        matrix, moves = _system(body, first, step, yields * force / scale[:, None],
                                 turned / scale[:, None])
         error = np.full(len(matrix), residual)
         error[n : 2 * n] += np.where(moves[n:], before[step] / scale[n:], 0.0)
@@ -49,6 +50,14 @@ def explained(body: Assembled, manifest, one: dict, other: dict, residual: float
         if np.abs(apart).max() > LARGEST or not _within(rows[:, : 2 * n] @ apart, rows[:, 2 * n :]):
             return False
     return True
+
+
+def _slopes(body: Assembled, sigma_n: np.ndarray) -> np.ndarray:
+    """(n_c,) by how much rough surfaces yield more per normal force: their law is a power of it."""
+    power = 1.0 / body.columns.get("compliance_exponent", np.ones(len(sigma_n)))
+    force = sigma_n * body.weight
+    return -np.divide(power * laws.closures(body, sigma_n[None])[0], force,
+                      out=np.zeros(len(force)), where=force != 0)
 
 
 def _within(rows: np.ndarray, motions: np.ndarray) -> bool:

@@ -67,20 +67,23 @@ class Closure:
         return changed
 
     def missed(self, x: np.ndarray, gradient: np.ndarray) -> float:
-        """By how much tangents miss the laws, over the deformation or the largest closure."""
+        """By how much tangents miss the laws, over the node's closure or what material like its
+        own deforms by, whichever is larger.
+        """
         force, own, slip = self._state(x, gradient)
-        error, size = np.zeros(len(force)), 0.0
+        error, closed = np.zeros((2, len(force)))
         for k, room in enumerate(self.rooms):
             law = room.closure(self.nodes, force, slip)
             tangent = self.offset[k] + self.slope[k] * force
             # nodes without force may be beyond the gap where a tangent alone says so
             error += np.where((force > 0) | self.rows.pulls, law - tangent,
                               np.maximum(own[k], 0.0))
-            size = max(size, float(np.abs(law).max(initial=0.0)))
-        comm = self.qp.operator.comm
-        error = comm.allreduce(float(np.abs(error).max(initial=0.0)), op=MPI.MAX)
-        size = max(comm.allreduce(size, op=MPI.MAX), self.residuals.scales.displacement)
-        return error / size if size > 0 else 0.0
+            closed += np.abs(law)
+        operator = self.qp.operator
+        deformed = self.residuals.scales.displacements[operator.row_level][self.rows.normal]
+        size = np.maximum(closed, deformed)
+        share = np.divide(np.abs(error), size, out=np.zeros(len(size)), where=size > 0)
+        return operator.comm.allreduce(float(share.max(initial=0.0)), op=MPI.MAX)
 
     def yielded(self, x: np.ndarray) -> np.ndarray:
         """(k,) by how much more u_n is than gap less gradient at the end of a step with x."""

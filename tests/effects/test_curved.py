@@ -8,6 +8,7 @@ from scipy.sparse.linalg import spsolve
 
 import driver
 from conftest import read_problem
+from driver.effects import initial_state
 from driver.errors import InputError
 from driver.files import read_table
 from driver.scene import elements, freefem, sides
@@ -544,9 +545,36 @@ def test_rings_under_an_obstacle_that_moves_have_their_areas(solved, named_scene
 
 
 def test_initial_displacements_of_rings_are_no_integrals(built, named_scene):
-    """u_0 . t at the nodes, of a uniform u_0, whatever their normals' lengths are in the export."""
+    """u_0 . t at the nodes, of a uniform u_0, with the tangents that all of their sides make."""
     moves = "macro support() on(12, u1 = 0., u2 = 0.) //\nmacro initialX() 0.25 //"
-    contact = built(named_scene("initial", BEAD.replace("{moves}", moves)),
-                    element="P2").structure.contact
-    np.testing.assert_allclose(contact.columns["initial"], 0.25 * contact.tangent[:, 0],
-                               atol=1e-3 * 0.25)  # normals of sides that meet are averaged
+    problem = built(named_scene("initial", BEAD.replace("{moves}", moves)), element="P2")
+    contact = problem.structure.contact
+    found = initial_state.Room.initial_displacement(None, contact)
+    np.testing.assert_allclose(found, 0.25 * contact.tangent[:, 0], rtol=1e-12, atol=1e-15)
+
+
+def test_initial_displacements_do_not_depend_on_the_cut(built, named_scene):
+    """At the coarse vertices of an arc the tangent is that of both sides, whoever has them."""
+    text = """include "scene.idp"
+border bottom(t = pi, 2*pi) {x = cos(t); y = 1. + sin(t); label = 1;}
+border top(t = -1., 1.) {x = -t; y = 1.; label = 3;}
+body = buildmesh(bottom(12) + top(8));
+macro young() 1e3 //
+macro poisson() 0.3 //
+macro support() on(3, u1 = 0., u2 = 0.) //
+macro contact() 1 //
+macro friction() 0.3 //
+macro initialX() 0.25 //
+macro initialY() 0.1*x //
+include "export.idp"
+"""
+    found = []
+    for cut in (1, 5):
+        contact = built(named_scene("arc", text), subdomains=cut).structure.contact
+        order = np.lexsort(contact.xy.T)
+        u = initial_state.Room.initial_displacement(None, contact)[order]
+        x = contact.xy[order]
+        expected = 0.25 * contact.tangent[order, 0] + 0.1 * x[:, 0] * contact.tangent[order, 1]
+        np.testing.assert_allclose(u, expected, rtol=1e-12, atol=1e-15)
+        found.append(u)
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-12, atol=1e-15)

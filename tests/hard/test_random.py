@@ -467,9 +467,26 @@ def test_a_corner_between_bodies_holds_only_what_normals_hold(moves, rests):
     vertex slides past it, with the friction of its slip.
     """
     rows = np.array([[0.0, -1, 0, 0], [1, 0, -moves, 0], [1, 0, 0, 0], [0, 1, 0, -moves]])
-    body = SimpleNamespace(B=rows, gid=np.array([4, 4]))  # u of the vertex, u of the wall
+    # u of the vertex, u of the wall
+    body = SimpleNamespace(B=rows, gid=np.array([4, 4]), columns={})
     assert laws.resting(body)[1, 0] == rests  # the wall's friction
     assert laws.corners(body)[1, 0]
+    for c, both in (([3.0, 0.0], True), ([3.0, 2.0], False)):  # rough sides give way
+        body.columns = {"normal_compliance": np.array(c)}
+        assert laws.corners(body)[1, 0] == both
+
+
+def test_rough_surfaces_yield_by_their_law():
+    """p = c z^m, and of contact that pulls, where m is 1, likewise; smooth ones do not."""
+    body = SimpleNamespace(gid=np.arange(4), columns={
+        "normal_compliance": np.array([8.0, 8.0, 8.0, 0.0]),
+        "compliance_exponent": np.array([1.0, 1.0, 3.0, 1.0])}, weight=np.array([0.5, 1, 2, 1]))
+    sigma_n = np.array([-4.0, 2.0, -64.0, -5.0])
+    np.testing.assert_allclose(laws.closures(body, sigma_n[None]), [[0.5, -0.25, 2.0, 0.0]])
+    step = 1e-6
+    more = laws.closures(body, (sigma_n - step)[None]) - laws.closures(body, (sigma_n + step)[None])
+    np.testing.assert_allclose(sensitivity._slopes(body, sigma_n),
+                               more[0] / (2 * step * body.weight), rtol=1e-6)
 
 
 def test_nothing_is_printed_by_libraries(capfd):
