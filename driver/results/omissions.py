@@ -64,12 +64,12 @@ def held_inside(record) -> list[str]:
     if not held.any():
         return []
     step, node = np.unravel_index(np.argmax(np.where(held, record.inside, 0.0)), held.shape)
-    clamped = record.contact.boundary.clamped
+    clamped, deep = record.contact.boundary.clamped, record.inside[step][node]
     x, y = clamped.xy[node]
     return [f"a support holds the boundary {clamped.label[node]} at ({x:.4g}, {y:.4g}) inside what "
-            f"it meets, by {record.inside[step][node]:.2g} in step {step + 1}: pressures and forces "
-            "beside it grow with every finer mesh; let the support end before the contact label, "
-            "or move it with the obstacle"]
+            f"it meets, by {deep:.2g} in step {step + 1}: pressures and forces beside it grow with "
+            "every finer mesh; let the support end before the contact label, or move it with the "
+            "obstacle"]
 
 
 def _moulds(b: ContactBoundary) -> list[str]:
