@@ -27,6 +27,8 @@ def warnings(boundary: ContactBoundary, declared, displacements: list[float],
                     "more than twice that of diamond: is young in the scene's unit of stress?")
     if displacements and not any(displacements):
         said.append("nothing moves: no load, prescribed displacement or overlap acts on the bodies")
+    if "normal_compliance" in declared:
+        said += _half_rough(boundary)
     if "gap" not in declared and len(boundary.gid):
         said += _overlaps(boundary)
         if not SHAPED & set(declared):
@@ -70,6 +72,20 @@ def held_inside(record) -> list[str]:
             f"it meets, by {deep:.2g} in step {step + 1}: pressures and forces beside it grow with "
             "every finer mesh; let the support end before the contact label, or move it with the "
             "obstacle"]
+
+
+def _half_rough(b: ContactBoundary) -> list[str]:
+    """Of the first corner, if any, in which a rough boundary and a smooth one meet."""
+    rough = b.columns["normal_compliance"] > 0
+    for pair in b.corners[:, :2]:
+        if rough[pair].sum() == 1:
+            x, y = b.xy[pair[0]]
+            one, two = b.label[pair[np.argsort(~rough[pair])]]
+            return [f"the rough boundary {one} and the smooth boundary {two} meet in a corner, at "
+                    f"({x:.4g}, {y:.4g}): a vertex that touches both has forces there as between "
+                    "smooth ones, not by the law of the rough one; declare normalCompliance on "
+                    "both, for the smooth one a large one"]
+    return []
 
 
 def _moulds(b: ContactBoundary) -> list[str]:

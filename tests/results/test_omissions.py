@@ -78,6 +78,20 @@ def test_an_obstacle_of_the_shape_of_a_round_boundary_is_said():
         assert not clear
 
 
+def test_a_corner_that_is_rough_on_one_side_is_said():
+    """Where the laws of both sides are not followed; where both are rough or smooth they are."""
+    def said(c, declared=("gap", "normal_compliance")):
+        none = SimpleNamespace(gid=np.array([3, 3]), label=np.array([7, 9]), xy=np.ones((2, 2)),
+                               columns={"normal_compliance": np.array(c)},
+                               corners=np.array([[0, 1, 2, 1]]))
+        return omissions.warnings(none, {*declared, "bilateral"}, [1.0], Settings(), 1.0,
+                                  {"length": "mm", "stress": "MPa"})
+
+    assert "the rough boundary 9 and the smooth boundary 7 meet in a corner" in said([0.0, 5.0])[0]
+    assert "the rough boundary 7 and the smooth boundary 9" in said([5.0, 0.0])[0]
+    assert not said([0.0, 0.0]) and not said([5.0, 0.0], ("gap",))
+
+
 @pytest.mark.parametrize("more, words", [
     (LOAD + "macro amplitude2(t) t //", "amplitude2 multiplies nothing"),
     ("macro load1() int1d(Ti, 3)(2.*u2*v2) - int1d(Ti, 3)(v1) //", "u2, the unknown"),
