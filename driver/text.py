@@ -43,7 +43,7 @@ def shown(path: Path) -> str:
 
 def percent(share: float) -> str:
     """A relative error, such as 0.012, in percent."""
-    return f"{100 * share:.2g}%"
+    return f"{100 * share:.2g}%" if abs(share) < 0.995 else f"{100 * share:.0f}%"
 
 
 def change(value: float | None) -> str:

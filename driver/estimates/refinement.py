@@ -9,6 +9,7 @@ from pathlib import Path
 
 from ..files import write_table
 from ..options import Settings
+from ..text import percent
 
 STEM = "size"  # of the files of a size field, see adaptivity.write_sizes
 COARSE = {"rtol": 1e-4, "friction_rtol": 1e-3, "primal_rtol": 1e-2}  # of cycles, rough
@@ -32,8 +33,8 @@ def seconds(cycles: list[Path]) -> dict[str, float]:
 def describe(place: Path) -> str:
     """One line about a finished cycle."""
     row = _row(0, place)
-    error = 100 * (row["relative"] or 0.0)
-    return (f"{row['primal_dofs']} primal dofs, error in the energy norm {error:.2g}%, "
+    error = percent(row["relative"] or 0.0)
+    return (f"{row['primal_dofs']} primal dofs, error in the energy norm {error}, "
             f"{row['seconds']:.2f} s")
 
 

@@ -7,9 +7,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter
 
-from .layout import run_header
+from .layout import as_map, run_header
 from .reading import Run, select
-from .scales import length_scale
 from .style import BLUE, GREEN, INCH, INK, ORANGE
 
 POINTS = 4000  # markers a convergence plot can carry before it turns into a smear
@@ -68,11 +67,9 @@ def adaptivity(figure: Figure, run: Run) -> None:
     """The adapted mesh, and the error in the energy norm over the unknowns of all cycles."""
     figure.set_figheight(8.5 * INCH)
     body, error = figure.subplots(1, 2, width_ratios=[1.7, 1])
-    scale = length_scale(run, run.first.xy)
-    body.set_aspect("equal")
+    scale = as_map(body, run, run.first.xy)
     body.triplot(*(run.first.xy * scale.factor).T, run.first.corners,
                  lw=0.25, color=INK, rasterized=True)
-    body.set(xlabel=f"$x$ [{scale.label}]", ylabel=f"$y$ [{scale.label}]")
     size, relative = run.adaptivity["primal_dofs"], 100 * run.adaptivity["relative"]
     error.loglog(size, relative, "o-", color=BLUE, label="cycles")
     degree = run.first.degree

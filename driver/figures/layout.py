@@ -52,11 +52,16 @@ def shrink_to_body(figure: Figure, axes) -> None:
 def map_axes(figure: Figure, run: Run, xy: np.ndarray):
     """Axes with equal scales for a picture of the body, and the scale of its coordinates."""
     axes = figure.add_subplot()
+    return axes, as_map(axes, run, xy)
+
+
+def as_map(axes, run: Run, xy: np.ndarray):
+    """Make `axes` those of a picture of the body; the scale of its coordinates."""
     axes.set_aspect("equal")
     scale = length_scale(run, xy)
     names = "rz" if run.summary["effects"].get("axisymmetric") else "xy"
     axes.set(xlabel=f"${names[0]}$ [{scale.label}]", ylabel=f"${names[1]}$ [{scale.label}]")
-    return axes, scale
+    return scale
 
 
 def panel_grid(figure: Figure, boundaries: list, stacked: int, height: float) -> list:

@@ -96,8 +96,11 @@ def export_study(scene: Path, directory: Path, parameters: dict[str, str], name:
     places = [directory / str(k) for k in range(len(values))]
     for place in places:
         place.mkdir(parents=True)
-    text, loop = text_digest(scene), directory / "study.edp"
-    loop.write_text(_loop(scene, name, values, bool(changed & rooms.of_loads())))
+    text, loop, varied = text_digest(scene), directory / "study.edp", str(scene)
+    if not varied.isascii():  # FreeFEM includes no other paths
+        varied = "varied.edp"
+        (directory / varied).symlink_to(scene)
+    loop.write_text(_loop(varied, name, values, bool(changed & rooms.of_loads())))
     _run(loop, scene, directory, {**parameters, name: values[0]}, 1, meanwhile, without)
     for place in places:
         seal.write(place, text, [seal.VALUE])
@@ -107,7 +110,7 @@ def export_study(scene: Path, directory: Path, parameters: dict[str, str], name:
     return manifests
 
 
-def _loop(scene: Path, name: str, values: list[str], loaded: bool) -> str:
+def _loop(scene: str, name: str, values: list[str], loaded: bool) -> str:
     """Script that includes a scene once for every value of its parameter `name`.
 
     `loaded`: the loads of every value are written too.

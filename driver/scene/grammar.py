@@ -19,10 +19,10 @@ OF_LIBRARY = ("subdomains", "steps", "element", "sampling", "coarsening", "count
               "counted")  # which it reads itself
 # names of FreeFEM that the library uses: with another meaning they would spoil its results
 BUILT_IN = frozenset("""
-    x y N area hTriangle lenEdge nTonEdge pi P0 P1 P2 P1dc1 P2dc P1edge P2b ARGV abs adaptmesh
-    atan2 atof atoi boundingbox ceil change cos dist dx dy exec exit floor getline int1d int2d
-    intalledges labels max metisdual min movemesh mpirank mpisize on qf1pE qf1pElump qf1pTlump qf2pT
-    readmesh restrict rint round sin sqrt square trunc""".split())
+    x y N area hTriangle lenEdge nTonEdge pi P0 P1 P2 P1dc1 P2dc P1edge abs adaptmesh ARGV atan2
+    atof atoi boundingbox ceil change cos dist dx dy exec exit floor getline int1d int2d
+    intalledges label labels max metisdual min movemesh mpirank mpisize nuTriangle on P2b qf1pE
+    qf1pElump qf1pTlump qf2pT readmesh region restrict rint round sin sqrt square trunc""".split())
 VOCABULARY = ("traction", "pressure", "addBody")  # macros of scene.idp
 MACRO = re.compile(r"[ \t]*macro[ \t]+(\w+)[ \t]*(?:\(([^()]*)\))?(.*)")
 AFTER_MACRO = re.compile(r"[ \t]*(?:macro|include|IFMACRO|ENDIFMACRO)\b")
@@ -162,8 +162,13 @@ def _check_includes(files: list[Source]) -> None:
     """Every file of the vocabulary once, scene.idp before all else."""
     known = {}
     for source in files:
+        before = set(known)
         for number, line in enumerate(source.lines, 1):
             include = re.match(r'\s*include\s+"(scene|export|gmsh)\.idp"', line)
+            if include and include[1] == "scene" and (early := known.keys() - before):
+                name = min(early)
+                raise InputError(f'{source.path.name} line {known[name]}: include "scene.idp" '
+                                 f"comes first, then {name}.idp")
             if include and (first := known.setdefault(include[1], number)) != number:
                 raise InputError(f"{source.path.name} line {number}: {include[1]}.idp is included "
                                  f"a second time, after line {first}")

@@ -3,38 +3,92 @@
 # from all surfaces, which help to draw, are left out.
 #
 # FreeFEM's own gmshload stops at triangles that run clockwise or are smaller than 1e-8 in the
-# scene's units. What is wrong goes to the standard error, in a word: elements of another kind,
-# nodes at different z, or the place where two nodes are.
-/^[$]/ {part = $1}
-part ~ /Nodes/ && NF == 4 {number[$1] = ++nodes; X[nodes] = $2; Y[nodes] = $3; Z[nodes] = $4}
-part !~ /Elements/ || NF <= 4 {next}
-$2 == 1 {
-  first[++lines] = number[$(NF - 1)]; second[lines] = number[$NF]; label[lines] = $4
-}
+# scene's units. What is wrong goes to the standard error, in a word or two: elements of another
+# kind, nodes at different z, physical surfaces or curves that share elements, or the place where
+# two nodes are.
+/^[$]/ {part = $1 == "$Nodes" ? 1 : $1 == "$Elements" ? 2 : 0; next}
+part == 1 && NF == 4 {number[$1] = ++nodes; X[nodes] = $2; Y[nodes] = $3; Z[nodes] = $4; next}
+part != 2 || NF < 5 {next}
 $2 == 2 {
   a = number[$(NF - 2)]; b = number[$(NF - 1)]; c = number[$NF]
   if ((X[b] - X[a])*(Y[c] - Y[a]) < (X[c] - X[a])*(Y[b] - Y[a])) {d = b; b = c; c = d}
-  A[++triangles] = a; B[triangles] = b; C[triangles] = c; region[triangles] = $4
-  used[a]; used[b]; used[c]
+  triangle[++triangles] = a " " b " " c " " $4
+  if ($5 != face || $4 != region) {
+    again = again || ($5 in surface); surface[$5]; face = $5; region = $4
+  }
+  next
 }
-$2 != 1 && $2 != 2 && $2 != 15 {other = 1}
-END {
-  for (i = 1; i <= nodes; ++i) if (i in used) {
-    at[i] = ++kept
-    if (count[X[i], Y[i]]++ == 1) twice = "(" X[i] ", " Y[i] ")"
-    if (kept == 1) {left = right = X[i]; low = high = Z[i]}
+$2 == 1 {
+  edge[++edges] = number[$(NF - 1)] " " number[$NF] " " $4
+  if ($5 != arc || $4 != label) {
+    again = again || ($5 in curve); curve[$5]; arc = $5; label = $4
+  }
+  next
+}
+{if ($2 == 15) apart = 1; else other = 1}
+function measure(  i, count) {
+  # where the nodes are, and whether two are in one place
+  left = right = X[1]; bottom = top = Z[1]; twice = ""
+  for (i = 1; i <= nodes; ++i) {
+    if (count[X[i], Y[i]]++) twice = "(" X[i] ", " Y[i] ")"
     if (X[i] < left) left = X[i]
     if (X[i] > right) right = X[i]
-    if (Z[i] < low) low = Z[i]
-    if (Z[i] > high) high = Z[i]
+    if (Z[i] < bottom) bottom = Z[i]
+    if (Z[i] > top) top = Z[i]
   }
-  for (i = 1; i <= lines; ++i) edges += (first[i] in used) && (second[i] in used)
-  print kept + 0, triangles + 0, edges + 0
-  for (i = 1; i <= nodes; ++i) if (i in used) print X[i], Y[i], 0
-  for (i = 1; i <= triangles; ++i) print at[A[i]], at[B[i]], at[C[i]], region[i]
-  for (i = 1; i <= lines; ++i)
-    if ((first[i] in used) && (second[i] in used)) print at[first[i]], at[second[i]], label[i]
+  return twice != "" || top - bottom > 1e-6*(right - left)
+}
+function leave_out(  i, at, used, n, part) {
+  # the nodes that no triangle uses, and the edges that they end
+  for (i = 1; i <= triangles; ++i) {
+    split(triangle[i], part, " ")
+    used[part[1]]; used[part[2]]; used[part[3]]
+  }
+  for (i = 1; i <= nodes; ++i)
+    if (i in used) {at[i] = ++n; X[n] = X[i]; Y[n] = Y[i]; Z[n] = Z[i]}
+  nodes = n
+  for (i = 1; i <= triangles; ++i) {
+    split(triangle[i], part, " ")
+    triangle[i] = at[part[1]] " " at[part[2]] " " at[part[3]] " " part[4]
+  }
+  n = 0
+  for (i = 1; i <= edges; ++i) {
+    split(edge[i], part, " ")
+    if (part[1] in at && part[2] in at) edge[++n] = at[part[1]] " " at[part[2]] " " part[3]
+  }
+  edges = n
+}
+function shared(  i, k, low, high, part, of, found) {
+  # physical groups that have an element in common, if any
+  for (i = 1; i <= triangles; ++i) {
+    split(triangle[i], part, " ")
+    low = high = part[1] + 0
+    for (k = 2; k <= 3; ++k) {
+      if (part[k] + 0 < low) low = part[k] + 0
+      if (part[k] + 0 > high) high = part[k] + 0
+    }
+    low = low " " high " " (part[1] + part[2] + part[3])
+    if (low in of) found = "surfaces " of[low] " and " part[4]
+    of[low] = part[4]
+  }
+  for (i = 1; i <= edges; ++i) {
+    split(edge[i], part, " ")
+    low = part[1] + 0 < part[2] + 0 ? part[1] " " part[2] : part[2] " " part[1]
+    if (low in of) found = "curves " of[low] " and " part[3]
+    of[low] = part[3]
+  }
+  return found
+}
+END {
+  # what stands apart costs no time where nothing says that there is any
+  if (measure() || apart) {leave_out(); measure()}
+  print nodes + 0, triangles + 0, edges + 0
+  for (i = 1; i <= nodes; ++i) print X[i], Y[i], 0
+  for (i = 1; i <= triangles; ++i) print triangle[i]
+  for (i = 1; i <= edges; ++i) print edge[i]
+  if (again) again = shared()
   if (other) print "kind" > "/dev/stderr"
-  else if (high - low > 1e-6*(right - left)) print "deep" > "/dev/stderr"
+  else if (top - bottom > 1e-6*(right - left)) print "deep" > "/dev/stderr"
+  else if (again) print again > "/dev/stderr"
   else if (twice) print twice > "/dev/stderr"
 }

@@ -228,7 +228,8 @@ def test_names_of_freefem_are_what_the_library_has_undeclared():
     """Every name of a value or function that the library reads and nowhere declares is known."""
     code = "\n".join(grammar.without_texts(path.read_text())
                      for path in freefem.environment.LIBRARY.rglob("*.idp"))
-    for name in ("x", "y", "N", "area", "hTriangle", "lenEdge", "nTonEdge", "pi", "P1dc1", "P2dc"):
+    for name in ("x", "y", "N", "area", "hTriangle", "lenEdge", "nTonEdge", "pi", "P1dc1", "P2dc",
+                 "label", "region", "nuTriangle"):
         assert re.search(rf"\b{name}\b", code) and name in grammar.BUILT_IN
 
 
@@ -613,6 +614,8 @@ MESHED = (('include "scene.idp"', 'include "scene.idp"\ninclude "gmsh.idp"'),
     (GEO.replace("Physical Surface(1) = {1};", ""), "give its surfaces a Physical Surface"),
     (GEO.replace("Physical Curve(1) = {1}; Physical Curve(3) = {3}; Physical Curve(4) = {4};", ""),
      "give its curves a Physical Curve"),
+    (GEO + "Physical Surface(9) = {1};\n", "there twice, in the physical surfaces 1 and 9"),
+    (GEO + "Physical Curve(8) = {3, 4};\n", "there twice, in the physical curves "),
     (GEO + "Mesh.ElementOrder = 2;", "elements that are no straight edges and triangles"),
     (GEO + "Mesh.RecombineAll = 1;", "elements that are no straight edges and triangles"),
     (GEO.replace("{2, 1, 0, h}", "{2, 1, 0.1, h}").replace("{0, 1, 0, h}", "{0, 1, 0.1, h}"),

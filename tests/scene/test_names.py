@@ -170,6 +170,17 @@ def test_macros_of_the_library_are_known_before_freefem_runs(tmp_path, monkeypat
             freefem.export(path, tmp_path / "export", {})
 
 
+def test_names_of_freefem_that_declarations_read_are_refused(tmp_path, monkeypatch):
+    """`int region = 1;` made a body all of one material: (region == 1 ? ...) is true everywhere."""
+    monkeypatch.setattr(freefem.environment, "run_child", None)
+    path = tmp_path / "mine.edp"
+    for name in grammar.BUILT_IN:
+        path.write_text(PLANE.replace("DECLARATIONS", f"int {name} = 1;"))
+        with pytest.raises(InputError, match=f"mine.edp line 2: the name '{name}' is FreeFEM's"):
+            freefem.export(path, tmp_path / "export", {})
+    assert {"region", "label", "nuTriangle"} <= grammar.BUILT_IN
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("scene", [PLANE, BODIES], ids=["plane", "bodies"])
 def test_a_name_of_the_library_is_refused_or_changes_no_bit(tmp_path, scene):

@@ -446,6 +446,20 @@ def test_cycles_of_every_value_end_where_they_settle(made, solved):
         made(scene="hard/cycles", friction="0.1,0.4", cycles="jump")
 
 
+def test_a_scene_whose_path_freefem_does_not_include(tmp_path):
+    """Letters beyond ASCII in the path: the values are those of the same scene elsewhere."""
+    text = freefem.find_scene("tutorial").read_text()
+    tables = []
+    for folder in ("plain", "rädern"):
+        path = tmp_path / folder / "scene.edp"
+        path.parent.mkdir()
+        path.write_text(text)
+        study.make_study({"scene": str(path), "friction": "0.1,0.3", "figures": "no",
+                          "quiet": "yes", "h": "2", "out": str(tmp_path / f"out-{folder}")})
+        tables.append((tmp_path / f"out-{folder}" / "study.csv").read_bytes())
+    assert tables[0] == tables[1]
+
+
 HEATED = """include "scene.idp"
 real T = physical("heat", 1e-3);
 int[int] below = [1, 2, 5, 4], above = [6, 7, 3, 9];
