@@ -169,10 +169,17 @@ def violations(body: Assembled, manifest, contact: dict,
                        default=0.0)}
 
 
+def exponents(body: Assembled) -> np.ndarray:
+    """(n_c,) powers of the closure that pressures of rough surfaces are, 1 where they are smooth.
+    """
+    declared = body.columns.get("compliance_exponent", np.ones(len(body.gid)))
+    return np.where(declared > 0, declared, 1.0)
+
+
 def closures(body: Assembled, sigma_n: np.ndarray) -> np.ndarray:
     """(steps, n_c) by how much rough surfaces yield, with the sign of the pressure."""
     c = body.columns.get("normal_compliance", np.zeros(len(body.gid)))
-    power = 1.0 / body.columns.get("compliance_exponent", np.ones(len(body.gid)))
+    power = 1.0 / exponents(body)
     size = np.divide(np.abs(sigma_n), c, out=np.zeros(sigma_n.shape), where=c > 0) ** power
     return -np.sign(sigma_n) * size
 

@@ -54,7 +54,7 @@ def explained(body: Assembled, manifest, one: dict, other: dict, residual: float
 
 def _slopes(body: Assembled, sigma_n: np.ndarray) -> np.ndarray:
     """(n_c,) by how much rough surfaces yield more per normal force: their law is a power of it."""
-    power = 1.0 / body.columns.get("compliance_exponent", np.ones(len(sigma_n)))
+    power = 1.0 / laws.exponents(body)
     force = sigma_n * body.weight
     return -np.divide(power * laws.closures(body, sigma_n[None])[0], force,
                       out=np.zeros(len(force)), where=force != 0)

@@ -160,23 +160,36 @@ def test_a_node_without_force_closes_by_what_it_is_beyond_its_gap():
     closure = object.__new__(Closure)
     closure.offset, closure.slope = np.full((1, 3), 0.1), np.full((1, 3), 0.5)
     closure.slides = False
-    closure.rows = SimpleNamespace(normal=np.arange(3), tangential=np.empty(0, int))
-    force, own, _ = closure._state(np.array([2.0, 0.0, 0.0]), np.array([0.0, 0.3, -0.2]))
+    closure.rows = SimpleNamespace(normal=np.arange(3), tangential=np.empty(0, int),
+                                   pulls=np.zeros(3, bool))
+    force, own, _ = closure._state(np.array([2.0, 0.0, -1.0]), np.array([0.0, 0.3, -0.2]))
     np.testing.assert_allclose(force, [2.0, 0, 0])
     np.testing.assert_allclose(own, [[0.1 + 0.5 * 2, 0.1 - 0.3, 0.1]])
+    closure.rows.pulls = np.array([False, False, True])  # stays on the tangent
+    force, own, _ = closure._state(np.array([2.0, 0.0, -1.0]), np.array([0.0, 0.3, -0.2]))
+    np.testing.assert_allclose(force, [2.0, 0, -1.0])
+    np.testing.assert_allclose(own, [[0.1 + 0.5 * 2, 0.1 - 0.3, 0.1 - 0.5]])
 
 
-@pytest.mark.parametrize("law, tangent, missed", [(0.0, 0.0, 0.0), (2.0, 1.5, 0.25)])
-def test_what_tangents_miss_is_relative_to_the_closure(law, tangent, missed):
-    """Nothing where nothing closes."""
+@pytest.mark.parametrize("force, law, tangent, pulls, deformed, missed", [
+    (3.0, 0.0, 0.0, False, 0.0, 0.0), (3.0, 2.0, 1.5, False, 0.0, 0.25),
+    (3.0, 2.0, 1.5, False, 5.0, 0.1),  # of what its material deforms by, if that is more
+    (-3.0, 0.0, -1.5, True, 3.0, 0.5), (-3.0, 0.0, -1.5, False, 3.0, 0.0)])
+def test_what_tangents_miss_is_relative_to_the_closure(force, law, tangent, pulls, deformed,
+                                                       missed):
+    """Nothing where nothing closes. What another node's material deforms by does not count."""
     closure = object.__new__(Closure)
     closure.rooms = [SimpleNamespace(closure=lambda nodes, force, slip: np.array([law, 0.0]))]
     closure.nodes, closure.slides = np.arange(2), False
-    closure.offset, closure.slope = np.zeros((1, 2)), np.array([[tangent / 3, 0.0]])
-    closure.rows = SimpleNamespace(normal=np.arange(2), tangential=np.empty(0, int))
-    closure.qp = SimpleNamespace(operator=SimpleNamespace(comm=MPI.COMM_SELF))
-    closure.residuals = SimpleNamespace(scales=SimpleNamespace(displacement=0.0))
-    assert closure.missed(np.array([3.0, 0.0]), np.zeros(2)) == pytest.approx(missed)
+    closure.offset, closure.slope = np.zeros((1, 2)), np.array([[tangent / force, 0.0]])
+    closure.rows = SimpleNamespace(normal=np.arange(2), tangential=np.empty(0, int),
+                                   pulls=np.array([pulls, False]))
+    closure.qp = SimpleNamespace(operator=SimpleNamespace(comm=MPI.COMM_SELF,
+                                                          row_level=np.array([1, 0])))
+    closure.residuals = SimpleNamespace(scales=SimpleNamespace(
+        displacements=np.array([100.0, deformed])))
+    found = closure.missed(np.array([force, 0.0]), np.zeros(2))
+    assert found == pytest.approx(missed)
 
 
 def room_of(module, rooms=(), columns=None, weight=(1.0,)):
@@ -219,7 +232,8 @@ def test_tangents_of_a_power_law_are_its_slopes(m):
     steepest = c * m * compliance_exponent.FLOOR ** (m - 1)
     np.testing.assert_allclose(slope[:2], 1 / (steepest * weight))
     assert not offset.any() and slope[2] == 0.0
-    assert not room.tangent(nodes, 0 * force, 0 * z, None, 0.0)[0].any()
+    slope, _ = room.tangent(nodes, 0 * force, 0 * z, None, 0.0)  # a line has one everywhere
+    np.testing.assert_allclose(slope[:2], 1 / (c * weight) if m == 1 else 0.0)
 
 
 def test_laws_of_nodes_add_up():

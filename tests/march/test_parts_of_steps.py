@@ -290,11 +290,13 @@ def test_a_law_and_its_tangent_agree_at_last():
     one = rows(1, gap=np.array([gap]), tangential=np.zeros(0, int), pair=np.zeros(0, int),
                tangential_node=np.zeros(0, int), gluing=np.zeros(0, int), coefficient=None)
     softness = []
-    qp_ = SimpleNamespace(rows=one, operator=SimpleNamespace(comm=MPI.COMM_SELF, owned=1),
+    operator = SimpleNamespace(comm=MPI.COMM_SELF, owned=1, row_level=np.zeros(1, int))
+    qp_ = SimpleNamespace(rows=one, operator=operator,
                           soften=lambda full: softness.append(full[0]),
                           settings=Settings(primal_rtol=1e-12))
     room = object.__new__(Quadratic)
-    closure = Closure(qp_, [room], SimpleNamespace(scales=SimpleNamespace(displacement=0.0)))
+    closure = Closure(qp_, [room], SimpleNamespace(
+        scales=SimpleNamespace(displacements=np.zeros(1))))
     closure.begin_step(False)
     assert one.gap[0] == gap + 0.125 and softness == [0.0]
     way = SimpleNamespace(shift=0.0)
