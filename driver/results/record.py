@@ -46,7 +46,8 @@ class Record:
         fields = self.operator.deformations(step.multipliers, step.weights, refined=step.refined)
         state = self.contact.evaluate(step, fields)
         boundary = self.contact.boundary
-        self.gaps.append(boundary.at(step.time).gap)
+        now = boundary.at(step.time)
+        self.gaps.append(now.gap)
         if boundary.following is not None:
             self.normals.append(boundary.normal)
         for name, column in self.states.items():
@@ -61,7 +62,7 @@ class Record:
         squares = np.concatenate([np.zeros(2), *whole]).reshape(-1, 2) ** 2
         largest = float(np.sqrt(squares.sum(axis=1).max()))
         self.displacements.append(max(self.operator.comm.allgather(largest)))
-        clamped = boundary.at(step.time).clamped
+        clamped = now.clamped
         moved = clamped.values @ step.weights[: clamped.values.shape[2]]
         self.inside.append((moved * clamped.normal).sum(axis=1) - clamped.gap)
         return fields, state

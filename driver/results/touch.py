@@ -38,7 +38,7 @@ class Touch:
     def of(cls, nodes: dict, steps: dict, index: int, pressing_round: int,
            flat: bool = True) -> "Touch":
         """`nodes` and `steps` as of quantities.py; `pressing_round`, `flat` as above."""
-        closed = steps["status"][index] != OPEN
+        closed, pieces = steps["status"][index] != OPEN, chains(nodes)
         sliding = (steps["status"][index] == SLIP)[closed].all()
         force = steps["sigma_t"][index] * nodes["weight"]
         one_way = abs(force.sum()) > ONE_WAY * np.abs(force).sum()
@@ -46,22 +46,22 @@ class Touch:
         length = whole[closed]
         pressure = -steps["sigma_n"][index]
         mean = pressure[closed] @ length / max(length.sum(), 1e-300)
-        ends = [end for piece in chains(nodes) if not is_ring(nodes, piece)
+        ends = [end for piece in pieces if not is_ring(nodes, piece)
                 for end in dict.fromkeys(piece[[0, -1]].tolist())]
         gap = steps["gap"][index] if "gap" in steps else nodes["gap"]
         opening = gap - steps["u_n"][index]
         apart = opening.min(initial=np.inf, where=not closed.any())
         pressing = pressure.clip(0) * nodes["weight"]
+        lines = [piece for piece in pieces if len(piece) > 1]
         return cls(int(closed.sum()), _lone(nodes, pressing), pressing_round, flat,
                    bool(sliding and one_way), between_nodes(nodes, steps, index),
                    pressure[closed], length,
                    np.column_stack([nodes["xy"][ends], pressure[ends] / (mean or 1.0)]),
                    float(apart), np.column_stack([opening, whole])[~closed],
-                   sum(_sides(nodes, piece, closed[piece]) for piece in chains(nodes)),
-                   sum(doubt_of_ends(nodes, piece, steps, index) for piece in chains(nodes)
-                       if len(piece) > 1),
+                   sum(_sides(nodes, piece, closed[piece]) for piece in pieces),
+                   sum(doubt_of_ends(nodes, piece, steps, index) for piece in lines),
                    sum(float(np.diff(nodes["arc"][piece]).sum() + beyond_ends(nodes, piece).sum())
-                       for piece in chains(nodes) if len(piece) > 1))
+                       for piece in lines))
 
     def lighter(self, part: float) -> float:
         """Length of contact whose pressure is below a part of the mean one."""

@@ -166,7 +166,7 @@ def _check_includes(files: list[Source]) -> None:
         for number, line in enumerate(source.lines, 1):
             include = re.match(r'\s*include\s+"(scene|export|gmsh)\.idp"', line)
             if include and include[1] == "scene" and (early := known.keys() - before):
-                name = min(early)
+                name = min(early, key=known.get)
                 raise InputError(f'{source.path.name} line {known[name]}: include "scene.idp" '
                                  f"comes first, then {name}.idp")
             if include and (first := known.setdefault(include[1], number)) != number:
