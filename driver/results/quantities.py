@@ -276,10 +276,12 @@ def longest_ways(nodes: dict, piece: np.ndarray, steps: dict) -> np.ndarray:
     mesh size only. What the open node beyond has moved while its neighbour slid counts up to it.
     Where contact recedes the farthest point lies at an edge of before: no way becomes shorter.
     """
-    move, sliding = moves(steps)[:, piece], steps["status"][:, piece] == SLIP
+    move, status = moves(steps)[:, piece], steps["status"][:, piece]
+    sliding = status == SLIP
     way, longest = np.where(sliding, move, 0.0).cumsum(axis=0), np.zeros(len(move))
     for k, slid in enumerate(way):
-        longest[k] = peak(nodes["arc"][piece], slid)
+        together = _on_the_same_way(slid, status[: k + 1], sliding[: k + 1])
+        longest[k] = peak(nodes["arc"][piece], together)
         for closed, beyond, part in edges_of_contact(nodes, piece, steps, k):
             along = sliding[: k + 1, closed] | sliding[: k + 1, beyond]
             with_it = np.where(along, move[: k + 1, beyond], 0.0).sum()
@@ -287,6 +289,20 @@ def longest_ways(nodes: dict, piece: np.ndarray, steps: dict) -> np.ndarray:
             longest[k] = max(longest[k],
                              float(slid[closed] + part / side * (with_it - slid[closed])))
     return np.maximum.accumulate(longest)
+
+
+def _on_the_same_way(slid: np.ndarray, status: np.ndarray, sliding: np.ndarray) -> np.ndarray:
+    """`slid` (k,), zero beside the node that slid farthest where nodes were open while it did.
+
+    Their ways are shorter by what it did alone: a step that no parabola follows. `status` and
+    `sliding` (steps, k) until then.
+    """
+    top = int(np.argmax(slid))
+    near = slice(max(top - 1, 0), top + 2)
+    left = ((status[:, near] == OPEN) & sliding[:, [top]]).any(axis=0)
+    kept = slid.copy()
+    kept[near][left] = 0.0
+    return kept
 
 
 def peak_nodes(nodes: dict, steps: dict, index: int) -> np.ndarray:

@@ -233,6 +233,24 @@ def test_slip_is_that_of_the_edge_where_contact_once_was():
     assert ways == pytest.approx(3 * [1 + 4.4 / 4], rel=1e-12)
 
 
+def test_slip_does_not_exceed_a_node_whose_neighbour_was_open_meanwhile():
+    """Node 3 slides by 1, then by 3 while node 2 is open, then all but node 0 by 1: nodes 2 and 4
+    have gone ways of 2 and 4, and no parabola through 2, 5, 4 says that a point went by more.
+    Where node 2 had only stuck it might have.
+    """
+    x, largest = np.arange(6.0), {}
+    for state in (OPEN, STICK):
+        slip = np.array([[0, 1, 1, 1, 1, 1], [0, 0, 0, 3, 2, 1], [0, 1, 1, 1, 1, 1.0]])
+        status = np.where(slip > 0, SLIP, STICK)
+        status[1, 2] = state
+        steps = {"slip": slip, "status": status, "gap": 0 * slip, "u_n": 0 * slip,
+                 "sigma_n": np.where(status == OPEN, 0.0, -1.0)}
+        nodes = line(x, x >= 0, 1 + 0 * x, 0 * x)[0]
+        largest[state] = q.longest_ways(nodes, np.arange(6), steps)[-1]
+    assert largest[OPEN] == 5.0
+    assert largest[STICK] > 5.0
+
+
 @pytest.mark.parametrize("shift", [0.0, 0.3, 0.7])
 def test_nodes_tell_by_how_much_they_place_the_ends_of_contact_apart(shift):
     """The first two open nodes place them elsewhere than the next two do, by half of what these err
