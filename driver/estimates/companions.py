@@ -25,7 +25,7 @@ FEW = 4  # steps below which coarser times tell nothing
 MANY = 20  # steps of which the first one matters little, where coarser times share it
 FINER = 4  # times as many steps then, also where steps miss what a history does
 ROUNDING = 1e-9  # relative change of a largest displacement that a support prescribes
-UNSEEN = 1e-2  # by how much others may exceed it, relative: bulges beside a support
+UNSEEN = 2.5e-2  # by how much others may exceed it, relative: bulges beside a support; 1.6 found
 SAME = 0.5  # part of a peak of displacements that the same one on a coarser mesh has at least
 UNTRIED = "no run with more steps to compare with"
 TIGHTER = 100.0  # tolerances of the companions that tell what those of the run leave
@@ -53,6 +53,7 @@ class Companions:
                                            last and unresolved.blind(energy, smoothed))
         self.levels, self.manifest, self.settings = levels, problem.manifest, settings
         self.effects = problem.effects
+        self.arrivals = record.arrivals() if "slip" in self.values else 0.0
         rows = record.cycles.past.rows if levels.plan else ()
         self.summed = {"dissipated_energy": record.cycle_work,
                        "slip": [row["slip"] for row in rows]} if rows else {}
@@ -150,6 +151,8 @@ class Companions:
         self.given = caution.by_balance(self.values, parts["mesh"])
         if effects.quasistatic and (effects.frictional or self.at < self.manifest.steps - 1):
             parts["time"] = self._time()
+            if "slip" in self.values:
+                parts["time"]["slip"] = located(parts["time"]["slip"], self.arrivals)
         if self.jumps:
             parts["jumps"] = self._jumps()
         if effects.pressure_bounds_friction:

@@ -2,12 +2,10 @@
 
 from ..results.touch import Touch
 from .budget import Part, share, vanishing
-from .caution import by_balance
+from .caution import by_balance, fewest
 
 COARSE = 0.5  # relative error in energy from which coarser meshes tell nothing of a finer one
 FINE = 0.02  # the same up to which a body is resolved as a whole, however few its contact nodes
-FEWEST = {"P1": 5}  # nodes in contact below which they tell nothing of it: four sides ...
-QUADRATIC = 7  # ... or three, of quadratic elements
 LONE = 0.1  # of the pressing force in areas of contact of a node or two: it acts where a node is
 APART = 1.0  # change of a quantity to the next mesh over the quantity itself, of another problem
 PRESSING = 3  # the same on a round boundary, for resultants too: one has but one normal
@@ -48,7 +46,7 @@ def parts(values: dict, error: float, touch: Touch, element: str, adjoint: bool,
     reason, spared = "", OF_BODIES if adjoint else placed
     if error > COARSE:
         reason = f"its error in the energy norm is {100 * error:.0f} %"
-    if 0 < touch.nodes < FEWEST.get(element, QUADRATIC):
+    if 0 < touch.nodes < fewest(element):
         reason = f"{touch.nodes} nodes are in contact"
     if touch.lone > LONE:
         reason = f"areas of contact of a node or two carry {share(touch.lone, 1.0)} of the force"

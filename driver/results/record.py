@@ -10,7 +10,7 @@ from . import dissipation
 from .contact_state import WEAR, ContactState, less_wear
 from .quantities import REPEATS, farthest_node, peak_nodes, quantities, singular_places
 from .shares import label_shares
-from .touch import Touch
+from .touch import Touch, of_arrivals
 
 ROUND = 1e-6  # change of normals along a boundary that is not straight
 INSIDE = 1e-2  # of the largest displacement: depth of a clamped place inside what it meets
@@ -118,6 +118,10 @@ class Record:
         normals = self.contact.boundary.normal[self.states["sigma_n"][index] < 0]
         flat = not len(normals) or np.ptp(normals, axis=0).max() <= ROUND
         return Touch.of(*self._columns(), index, self._pressing_round(index), bool(flat))
+
+    def arrivals(self) -> float:
+        """What the steps leave open of the largest slip, see touch.of_arrivals."""
+        return of_arrivals(*self._columns())
 
     def _pressing_round(self, index: int) -> int:
         """How many nodes press in a step, if some belong to a boundary whose normal varies."""

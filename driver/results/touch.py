@@ -5,11 +5,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..contact.states import OPEN, SLIP
-from .quantities import (EDGE, beyond_ends, chains, doubt_of_ends, farthest_node, is_ring, moves)
+from .quantities import (EDGE, beyond_ends, chains, doubt_of_ends, farthest_node, is_ring,
+                         longest_ways, moves)
 
 FEW = 6  # nodes in contact, among which the next may differ by all of a quantity's error
 FALLS = 0.6  # pressure at an end of the boundary over the next: below it contact may end before
 AREA = 3  # nodes that press side by side and tell where the force of an area of contact acts
+CLOSED = 1e-9  # distance at time 0 over the largest displacement, below which a node is in contact
 ONE_WAY = 0.9  # of all friction, if it has one direction
 
 
@@ -120,6 +122,21 @@ def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
     ends = EDGE * share * float(np.linalg.norm(edges))
     return {"peak_pressure": _standing_out(nodes, np.abs(steps["sigma_n"][index])),
             "contact_length": max(clamped, early, ends), "slip": apart}
+
+
+def of_arrivals(nodes: dict, steps: dict) -> float:
+    """What the steps leave open of the largest slip: what was slid in those that ended in contact
+    which had not begun so.
+
+    Such a way counts whole, though the node slid in contact in a part of the step alone. The
+    largest slip is between that without any of it and that with all.
+    """
+    touched = np.vstack([nodes["gap"] <= CLOSED * np.abs(steps["u_n"]).max(initial=0.0),
+                         steps["status"][:-1] != OPEN])
+    without = steps | {"slip": np.where(touched, steps["slip"], 0.0)}
+    least, most = (max(longest_ways(nodes, piece, ways)[-1] for piece in chains(nodes))
+                   for ways in (without, steps))
+    return float(most - least)
 
 
 def _standing_out(nodes: dict, pressure: np.ndarray) -> float:

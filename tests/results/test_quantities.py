@@ -251,6 +251,27 @@ def test_slip_does_not_exceed_a_node_whose_neighbour_was_open_meanwhile():
     assert largest[STICK] > 5.0
 
 
+def test_steps_leave_open_what_was_slid_while_contact_began():
+    """Node 2 slides by 3, 2 and 1, and touches in the first step: of its 6 the 3 may be too much,
+    if no other node has gone farther. From time 0 on in contact it has slid by all of it, and so it
+    has where another has gone 5 in contact.
+    """
+    x = np.arange(5.0)
+    nodes = line(x, x >= 0, 1 + 0 * x, 0 * x)[0]
+    for gap, others, left in ((0.1, 1.0, 3.0), (0.0, 1.0, 0.0), (0.1, 5 / 3, 1.0)):
+        slip = np.array([[0, 0, 3, 0, 0], [0, 0, 2, 0, 0], [0, 0, 1.0, 0, 0]])
+        slip[:, 4] = others
+        steps = {"slip": slip, "status": np.where(slip > 0, SLIP, STICK), "gap": 0 * slip,
+                 "u_n": 0.1 + 0 * slip, "sigma_n": -1 + 0 * slip}
+        nodes["gap"] = np.where(x == 2, gap, 0.0)
+        assert touch.of_arrivals(nodes, steps) == pytest.approx(left)
+    # contact that is lost and found again
+    nodes["gap"] = 0 * x
+    steps["status"][0, 2] = OPEN
+    steps["slip"][:, 4] = 0.0
+    assert touch.of_arrivals(nodes, steps) == pytest.approx(2.0)
+
+
 @pytest.mark.parametrize("shift", [0.0, 0.3, 0.7])
 def test_nodes_tell_by_how_much_they_place_the_ends_of_contact_apart(shift):
     """The first two open nodes place them elsewhere than the next two do, by half of what these err
