@@ -259,11 +259,16 @@ class Search(Trials):
         budget = self.budget()
         values, errors = ({name: entry[key] for name, entry in budget.items()}
                           for key in ("value", "total"))
-        if self.name in vanishing(values, errors) or not values[self.name]:
+        if self.name in vanishing(values) or not values[self.name]:
             error = f" but for its error of {errors[self.name]:.1g}" if errors[self.name] else ""
             raise NoSolution(f"the {self.words} is zero{error} (by symmetry, or as nothing "
                              "slides): it has no relative error to be met; ask for another "
                              "quantity")
+        if self.name in vanishing(values, errors):
+            raise NoSolution(f"the {self.words} is {values[self.name]:.1g} with an error of "
+                             f"{errors[self.name]:.1g}, both next to nothing beside what the body "
+                             "moves by or bears: it may be zero, and has no relative error to be "
+                             "met; ask for another quantity")
 
     def _nodes(self, size) -> float:
         """Of the mesh of a size, by those of the last one."""

@@ -383,6 +383,11 @@ def test_what_is_zero_has_no_relative_error():
         with pytest.raises(NoSolution) as refused:
             search._refuse_zero()
         assert said in str(refused.value)
+    # what may not be zero is not said to be
+    search.budget = lambda: {"slip": {"value": 2e-4, "total": 3e-4},
+                             "displacement": {"value": 1.0, "total": 0.01}}
+    with pytest.raises(NoSolution, match="0.0002 with an error of 0.0003.*may be zero"):
+        search._refuse_zero()
 
 
 def test_a_request_beyond_the_limits_is_refused_with_what_was_reached(solved, monkeypatch):
