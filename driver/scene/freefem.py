@@ -74,6 +74,7 @@ def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int 
     _check_echo(manifest, parameters)
     script.check_fixed_labels(scene, manifest)
     script.check_regions(scene, manifest)
+    script.check_compared(scene, manifest)
     script.check_units(scene, manifest)
     return manifest
 

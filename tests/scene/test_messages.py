@@ -448,6 +448,25 @@ def test_regions_that_no_mesh_has(said, tmp_path):
     assert freefem.export(path, tmp_path / "two", {"steps": "2"}).regions == [0, 1]
 
 
+@pytest.mark.parametrize("formula, helper, words", [
+    ("(label == 7 ? 0.3 : 0.1)", "", "friction asks for label 7, which no boundary of the mesh "
+     "has, whose labels are 1, 2, 3, 4"),
+    ("(7 != label ? 0.3 : 0.1)", "", "friction asks for label 7"),
+    ("(glued ? 0.3 : 0.1)", "macro glued() (label == 7) //\n", "glued asks for label 7")])
+def test_numbers_that_no_label_has(said, formula, helper, words):
+    """The comparison is true nowhere: all would have the other value, without a word."""
+    assert words in said(("macro friction() F //", f"{helper}macro friction() {formula} //"))
+
+
+def test_a_region_beyond_those_of_the_meshes(said):
+    """Of two bodies, regions 0 and 1."""
+    changes = [(old, new.replace("region = 0", "region = 1").replace("region == 1", "region == 3"))
+               for old, new in TWO]
+    message = said(*changes, parameters={"steps": "2"})
+    assert "stiff asks for region 3, which no part of the mesh has, whose regions are 0 to 1" in (
+        message)
+
+
 def test_what_another_rank_refuses_is_said(tmp_path):
     """The last of two subdomains alone has the place: rank 0 has nothing to say."""
     path = tmp_path / "mine.edp"
