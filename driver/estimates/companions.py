@@ -152,7 +152,7 @@ class Companions:
         if effects.quasistatic and (effects.frictional or self.at < self.manifest.steps - 1):
             parts["time"] = self._time()
             if "slip" in self.values:
-                parts["time"]["slip"] = located(parts["time"]["slip"], self.arrivals)
+                parts["time"]["slip"] = located(parts["time"]["slip"], OF_TIME * self.arrivals)
         if self.jumps:
             parts["jumps"] = self._jumps()
         if effects.pressure_bounds_friction:

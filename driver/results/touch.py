@@ -12,6 +12,7 @@ FEW = 6  # nodes in contact, among which the next may differ by all of a quantit
 FALLS = 0.6  # pressure at an end of the boundary over the next: below it contact may end before
 AREA = 3  # nodes that press side by side and tell where the force of an area of contact acts
 CLOSED = 1e-9  # distance at time 0 over the largest displacement, below which a node is in contact
+HALF = 0.5  # of a step in which a node touched, where nothing tells more
 ONE_WAY = 0.9  # of all friction, if it has one direction
 
 
@@ -125,18 +126,33 @@ def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
 
 
 def of_arrivals(nodes: dict, steps: dict) -> float:
-    """What the steps leave open of the largest slip: what was slid in those that ended in contact
-    which had not begun so.
+    """What the steps leave open of the largest slip: ways in those that began open and ended in
+    contact.
 
-    Such a way counts whole, though the node slid in contact in a part of the step alone. The
-    largest slip is between that without any of it and that with all.
+    Such a way counts whole, though the node slid in contact in a part of the step alone, see
+    `_in_contact`. The largest slip is between that with such parts and that with all.
     """
-    touched = np.vstack([nodes["gap"] <= CLOSED * np.abs(steps["u_n"]).max(initial=0.0),
-                         steps["status"][:-1] != OPEN])
-    without = steps | {"slip": np.where(touched, steps["slip"], 0.0)}
+    part = _in_contact(nodes, steps)
     least, most = (max(longest_ways(nodes, piece, ways)[-1] for piece in chains(nodes))
-                   for ways in (without, steps))
+                   for ways in (steps | {"slip": part * steps["slip"]}, steps))
     return float(most - least)
+
+
+def _in_contact(nodes: dict, steps: dict) -> np.ndarray:
+    """(steps, n) part of each step in which nodes that are in contact at its end have been so.
+
+    Pressure that grows at one rate from when a node touches, p at the end of the step and q of the
+    next, says p / (q - p), all of the step if q is less than twice p. Where no step in contact
+    follows half of the step is taken.
+    """
+    closed = steps["status"] != OPEN
+    began = nodes["gap"] <= CLOSED * np.abs(steps["u_n"]).max(initial=0.0)
+    before = np.vstack([began, closed[:-1]])
+    pressure = np.abs(steps["sigma_n"])
+    rise = pressure[1:] - pressure[:-1]
+    grown = np.divide(pressure[:-1], rise, out=np.ones_like(rise), where=rise > pressure[:-1])
+    part = np.vstack([np.where(closed[1:], grown, HALF), np.full((1, len(began)), HALF)])
+    return np.where(closed & ~before, part, 1.0)
 
 
 def _standing_out(nodes: dict, pressure: np.ndarray) -> float:

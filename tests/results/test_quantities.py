@@ -251,25 +251,34 @@ def test_slip_does_not_exceed_a_node_whose_neighbour_was_open_meanwhile():
     assert largest[STICK] > 5.0
 
 
-def test_steps_leave_open_what_was_slid_while_contact_began():
-    """Node 2 slides by 3, 2 and 1, and touches in the first step: of its 6 the 3 may be too much,
-    if no other node has gone farther. From time 0 on in contact it has slid by all of it, and so it
-    has where another has gone 5 in contact.
+def arriving(pressure, gap=0.1, others=0.0):
+    """Node 2 of five touches in the first of three steps, in which it slides by 3, 2 and 1; another
+    slides by as much in each.
     """
     x = np.arange(5.0)
     nodes = line(x, x >= 0, 1 + 0 * x, 0 * x)[0]
-    for gap, others, left in ((0.1, 1.0, 3.0), (0.0, 1.0, 0.0), (0.1, 5 / 3, 1.0)):
-        slip = np.array([[0, 0, 3, 0, 0], [0, 0, 2, 0, 0], [0, 0, 1.0, 0, 0]])
-        slip[:, 4] = others
-        steps = {"slip": slip, "status": np.where(slip > 0, SLIP, STICK), "gap": 0 * slip,
-                 "u_n": 0.1 + 0 * slip, "sigma_n": -1 + 0 * slip}
-        nodes["gap"] = np.where(x == 2, gap, 0.0)
-        assert touch.of_arrivals(nodes, steps) == pytest.approx(left)
-    # contact that is lost and found again
-    nodes["gap"] = 0 * x
-    steps["status"][0, 2] = OPEN
-    steps["slip"][:, 4] = 0.0
-    assert touch.of_arrivals(nodes, steps) == pytest.approx(2.0)
+    nodes["gap"] = np.where(x == 2, gap, 0.0)
+    slip = np.zeros((3, 5))
+    slip[:, 2], slip[:, 4] = (3, 2, 1), others
+    sigma = np.full((3, 5), -1.0)
+    sigma[:, 2] = -np.array(pressure)
+    return nodes, {"slip": slip, "status": np.where(slip > 0, SLIP, STICK), "gap": 0 * slip,
+                   "u_n": 0.1 + 0 * slip, "sigma_n": sigma}
+
+
+@pytest.mark.parametrize("pressure, more, left", [
+    ([1.0, 5.0, 6.0], {}, 2.25),  # it grew by 4 in a step: in contact for a quarter of the first
+    ([1.0, 1.5, 2.0], {}, 0.0),  # in all of it
+    ([1.0, 5.0, 6.0], {"gap": 0.0}, 0.0),  # in contact from time 0 on
+    ([1.0, 5.0, 6.0], {"others": 5 / 3}, 1.0)])  # another has gone 5 in contact
+def test_steps_leave_open_what_was_slid_while_contact_began(pressure, more, left):
+    assert touch.of_arrivals(*arriving(pressure, **more)) == pytest.approx(left)
+
+
+def test_contact_that_is_found_again_leaves_half_of_its_last_step_open():
+    nodes, steps = arriving([1.0, 0.0, 1.0], gap=0.0)
+    steps["status"][1, 2] = OPEN
+    assert touch.of_arrivals(nodes, steps) == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.3, 0.7])
