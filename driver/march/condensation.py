@@ -216,9 +216,11 @@ class Condensation:
                 self._selected = self._compliance + np.diag(own)
             if self._acting is not None:
                 self._selected = self._selected[np.ix_(self._acting, self._acting)]
-            own = self._selected[self.apart, self.apart]
-            self._selected[self.apart] = self._selected[:, self.apart] = 0.0
-            self._selected[self.apart, self.apart] = own
+            if len(self.apart):  # others go on with the compliance as it is
+                self._selected = self._selected.copy()
+                own = self._selected[self.apart, self.apart]
+                self._selected[self.apart] = self._selected[:, self.apart] = 0.0
+                self._selected[self.apart, self.apart] = own
         return self._selected
 
     def solution(self, load: Load, x, gradient, sliding) -> tuple[np.ndarray, np.ndarray] | None:
@@ -240,7 +242,7 @@ class Condensation:
         if pair is None:
             return None
         x = self.place(pair[0], x)
-        if self._acting is not None:  # what does not act moves, too
+        if self._acting is not None or len(self.apart):  # what does not act moves, too
             return x, self.operator.apply(x) - load.d
         return x, self.place(-pair[1], x)
 

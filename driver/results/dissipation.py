@@ -83,7 +83,8 @@ class Dissipation:
     def _until_zero(self, time: float, name: str) -> np.ndarray:
         """(n,) part of the step to `time` after which a quantity has fallen to zero.
 
-        It goes on as in the step before, if it fell there.
+        It goes on as in the step before, if it fell there. Where it fell too little to reach zero
+        in this step, as it does, that says the less: down to nothing where it stood still.
         """
         values = getattr(self.last, name)
         if self.before is None:
@@ -91,8 +92,9 @@ class Dissipation:
         fallen = getattr(self.before, name) - values
         falls = fallen > 0
         rate = np.where(falls, fallen, 1.0) / (self.last.time - self.before.time)
-        parts = np.clip(values / rate / (time - self.last.time), 0.0, 1.0)
-        return np.where(falls, parts, UNKNOWN)
+        parts = np.maximum(values / rate / (time - self.last.time), 0.0)
+        late = UNKNOWN + (1 - UNKNOWN) / np.maximum(parts, 1.0)
+        return np.where(falls, np.where(parts > 1.0, late, parts), UNKNOWN)
 
 
 def of_run(solver, law, boundary) -> Dissipation:

@@ -72,6 +72,17 @@ def test_touching_counts_from_the_moment_of_touch():
     assert work == pytest.approx(2 * F * 3 * 0.4**2 / 2, rel=1e-12)
 
 
+@pytest.mark.parametrize("moved", [1e-9, -1e-9, 0.0, 1e-3])
+def test_where_a_node_stood_still_rounding_decides_nothing(moved):
+    """Apart by 0.4, it comes by `moved` in one step and touches in the next: half of that counts,
+    as if it had not moved, up to what it did.
+    """
+    work = march([0.5, 1.0], lambda t: 10.0 * (t == 1.0), lambda t: t, gap=0.4 + moved,
+                 opening=lambda t: 0.4 * (t < 1.0), start=0.0)
+    whole = 2 * F * 0.5 * 10 / 2
+    assert work == pytest.approx(whole / 2, rel=1e-8 + 2 * abs(moved) / 0.4)
+
+
 def test_what_sticks_takes_nothing():
     of = Dissipation(np.ones(1), np.zeros(1), np.zeros(1))
     one = {C.U_N: 0.0, C.SLIP: 1e-9, C.BOUND: 3.0, C.SIGMA_T: -2.9}

@@ -431,6 +431,32 @@ def test_surfaces_that_wear_or_yield_agree_with_single_runs(made, solved, scene,
                 single.summary["quantities"]["worn_volume"], rel=1e-6, abs=1e-12)
 
 
+@pytest.mark.parametrize("values", ["0.1,0.3", "0.3,0.1"])
+def test_corners_that_open_do_not_change_what_other_values_find(made, solved, named_scene, values):
+    """The vertex of two boundaries with cohesion, of which one lets go: rows kept apart in one state
+    are as they were in the next, for other steps and other values.
+    """
+    scene = named_scene("corner", """include "scene.idp"
+units("mm", "MPa");
+real F = physical("friction", 0.3);
+rectangle(0., 4., 0., 3.);
+quasistatic(2.);
+macro young() 200. //
+macro poisson() 0.35 //
+macro support() on(4, u1 = 0., u2 = 0.) //
+macro load1() traction(3, 0., -2.) //
+macro amplitude1(t) (t < 1. ? t : 3.*(4./3. - t)) //
+macro contact() 1, 2 //
+macro gap() 0.005 //
+macro friction() F //
+macro cohesion() 0.2 //
+include "export.idp"
+""")
+    options = {"cells": "3", "steps": "10", "subdomains": "2x1"}
+    rows = made(scene=scene, friction=values, **options)[1]["contact"]
+    compare(rows, solved(scene, friction=0.3, **options, **TIGHT), friction="0.3")
+
+
 @pytest.mark.slow  # runs of its own
 def test_cycles_of_every_value_end_where_they_settle(made, solved):
     """As in single runs: number, kind, work; jumps are refused."""
