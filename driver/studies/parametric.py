@@ -355,7 +355,7 @@ def _fields(solver, step, u_t: np.ndarray, way) -> dict[str, np.ndarray]:
     values[1, rows.tangential_node] = -step.gradient[rows.tangential]
     values[2, rows.normal_node] = -step.multipliers[rows.normal]
     values[3, rows.tangential_node] = -step.multipliers[rows.tangential]
-    values[4, rows.tangential_node] = rows.friction_bound(step.multipliers)
+    values[4, rows.tangential_node] = step.friction_bound
     values[5, rows.normal_node] = step.status
     # a node has one rank: no sum depends on their order
     operator.comm.Allreduce(MPI.IN_PLACE, values)

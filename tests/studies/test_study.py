@@ -453,8 +453,34 @@ macro cohesion() 0.2 //
 include "export.idp"
 """)
     options = {"cells": "3", "steps": "10", "subdomains": "2x1"}
-    rows = made(scene=scene, friction=values, **options)[1]["contact"]
-    compare(rows, solved(scene, friction=0.3, **options, **TIGHT), friction="0.3")
+    files, run = made(scene=scene, friction=values, **options)[1], solved(
+        scene, friction=0.3, **options, **TIGHT)
+    compare(files["contact"], run, friction="0.3")
+    row = next(row for row in files["study"] if row["friction"] == "0.3")
+    assert float(row["dissipated"]) == pytest.approx(run.summary["quantities"]["dissipated_energy"],
+                                                     rel=CLOSE)
+
+
+def test_work_in_corners_that_slide_by_a_given_bound(made, solved, named_scene):
+    """A block that warms up between walls: its corners rub by Tresca's bound on two sides."""
+    scene = named_scene("warm", """include "scene.idp"
+real F = physical("friction", 0.1);
+rectangle(-3., 3., 0., 2.);
+quasistatic(1.);
+macro young() 1000. //
+macro poisson() 0.3 //
+macro contact() 1, 2, 4 //
+macro gap() (label == 1 ? 0. : 0.002) //
+macro tresca() F //
+macro load1() traction(3, 0., -2.) //
+macro thermal2() 0.002 //
+include "export.idp"
+""")
+    options = {"cells": "3", "steps": "2", "subdomains": "4x2"}
+    row = made(scene=scene, friction="0.1,0.4", **options)[1]["study"][0]
+    run = solved(scene, friction=0.1, **options, **TIGHT)
+    assert float(row["dissipated"]) == pytest.approx(run.summary["quantities"]["dissipated_energy"],
+                                                     rel=1e-5)
 
 
 @pytest.mark.slow  # runs of its own
