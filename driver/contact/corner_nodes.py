@@ -3,27 +3,13 @@
 On a rigid corner a vertex has two contact conditions and two of friction, four rows on at most two
 displacements; where a support leaves it one, two normal rows act on the same. Only sums of their
 multipliers are determined, unless both surfaces are rough (corner_pairs.py). So each corner is in a
-state that leaves as many multipliers free as there are displacements, and holds the others at zero:
-
-    first, second   one of the two nodes acts, with its contact and friction; the other one is open
-    both            both press, neither rubs: the vertex stands, and what holds it is contact's
-    standing        both conditions are equations, whatever force they take, as long as the laws of
-                    both sides, with friction, can make it up between them (sharing.py)
-    neither         both are open, and both rub with the friction that needs no pressure
-    first rubs, second rubs
-                    both press and one rubs: where rows depend on those of other vertices, which
-                    one row less ends
-
-Together the states hold every force that the two laws admit between contact with either side: where
-F is so small that a vertex does not jam, tan(angle between the normals) F < 1, the cones of the
-states side by side are the sum of the cones of both nodes. With fixed multipliers that are not
-free F is regular on every face, so that nothing is regularized or dropped.
+state that leaves as many multipliers free as there are displacements, see acting.py.
 
 A state is right if the excluded condition is not penetrated and none of both has opened. `switch`
-looks after each fixed point of the friction bound and moves on to the state that the violation asks
-for. Where friction drags a vertex from one side to the other, one side alone violates the other and
-both without friction open again: a corner that returns to `both` stands instead. One that has
-changed its state `MOST` times in a step and is still not right is `undecided`: no solution.
+moves on to the state that a violation asks for after each fixed point of the friction bound. Where
+friction drags a vertex from one side to the other, one side alone violates the other and both
+without friction open again: a corner that returns to `both` stands instead. One that has changed
+its state `MOST` times in a step and is still not right is `undecided`: no solution.
 
 Friction that needs no pressure (Tresca, cohesion) acts on both sides of a vertex that neither
 presses, and of one that touches both, where forces are shared by the laws of both. Where one side
@@ -33,22 +19,23 @@ side takes, and with it Coulomb's bound on this one. What is left out is the fri
 side, on half an edge: a force that falls with the mesh size like the error of the tractions next to
 a corner.
 
-Several states may hold a vertex that touches both sides with the same force, which displacements
-alone do not tell apart. So the end of a step does not know in which one it got there: the force is
-`shared` anew between the sides, and the state becomes that of the shares. Where a vertex arrives in
-its corner both sides have rubbed on the way, each obeys Coulomb's law with that slip; one that was
-there a step ago and still is has not slid, whatever the errors of two steps add up to, and is held
-with the least friction; between bodies with the forces nearest to those that the tractions of the
-next nodes would make (beside.py), as one stress on both sides of the corner asks for. Where rows
-between bodies depend only nearly, as they do with a gap left in the corner, forces stay in the rows
-of the state. The next step starts with the force in the rows of its state (`own`).
+Several states may hold a vertex that touches both sides with the same force. So the end of a step
+does not know in which one it got there: the force is `shared` anew between the sides, and the state
+becomes that of the shares. Where a vertex arrives in its corner both sides have rubbed on the way,
+each obeys Coulomb's law with that slip; one that was there a step ago and still is has not slid, if
+no obstacle has moved, whatever the errors of two steps add up to, and is held with the least change
+of its friction; between bodies with the forces nearest to those that the tractions of the next
+nodes would make (beside.py), as one stress on both sides of the corner asks for. Where rows between
+bodies depend only nearly, as they do with a gap left in the corner, forces stay in the rows of the
+state. The next step starts with the force in the rows of its state (`own`).
 """
 
 from dataclasses import dataclass, field
-from enum import IntEnum
 
 import numpy as np
 
+from .acting import (BOTH, FIRST, FIRST_RUBS, NEITHER, NORMAL_OUT, RUBS, SECOND, SECOND_RUBS,
+                     STANDING, TANGENTIAL_OUT, Acting)
 from .beside import Beside, beside
 from .sharing import alike, least_friction
 
@@ -60,26 +47,6 @@ SLIPS = 10 * TOUCHES  # slip that the errors of two steps do not make, likewise
 NOISE = 10.0  # times the tolerance of displacements: slip of a corner beyond that counts
 SLIGHT = 1e-9  # relative difference of gaps that counts as none
 DEPENDENT = 1e-8  # determinant of two forces of about unit length that are one
-
-
-class Acting(IntEnum):
-    """Which of the two nodes of a corner act; plain numbers below, see qp/equations.py."""
-
-    BOTH = 0
-    FIRST = 1
-    SECOND = 2
-    STANDING = 3
-    NEITHER = 4
-    FIRST_RUBS = 5
-    SECOND_RUBS = 6
-
-
-BOTH, FIRST, SECOND, STANDING, NEITHER, FIRST_RUBS, SECOND_RUBS = (int(state) for state in Acting)
-RUBS = FIRST_RUBS, SECOND_RUBS
-# by state: whether the normal, the tangential row of the (first, second) node is excluded
-NORMAL_OUT = np.array([[state in (SECOND, NEITHER), state in (FIRST, NEITHER)] for state in Acting])
-TANGENTIAL_OUT = np.array([[state in (SECOND, BOTH, STANDING, SECOND_RUBS),
-                            state in (FIRST, BOTH, STANDING, FIRST_RUBS)] for state in Acting])
 
 
 @dataclass
@@ -107,7 +74,8 @@ class CornerNodes:
     acting: np.ndarray = field(init=False)
     switches: np.ndarray = field(init=False)
     rested: np.ndarray = field(init=False)  # (v,) was in its corner at the end of the step before
-    rubbed: np.ndarray = field(init=False)  # (v,) surfaces of obstacles move along it in the step
+    shifted: np.ndarray = field(init=False)  # (v,) obstacles that it may meet move in the step
+    friction: np.ndarray = field(init=False)  # (v, 2) forces at the end of the step before
 
     def __post_init__(self):
         first, second = self.gap.T
@@ -116,7 +84,8 @@ class CornerNodes:
         self.acting = np.where(self.alone & (nearer == BOTH), FIRST,
                                np.where(self.bilateral.any(axis=1) & ~self.alone, BOTH, nearer))
         self.rested = np.zeros(len(self.nodes), bool)
-        self.rubbed = np.zeros(len(self.nodes), bool)
+        self.shifted = np.zeros(len(self.nodes), bool)
+        self.friction = np.zeros((len(self.nodes), 2))
         self.begin_step()
 
     def begin_step(self) -> None:
@@ -298,6 +267,7 @@ class CornerNodes:
     def own(self, x: np.ndarray) -> np.ndarray:
         """x with the same forces at the vertices in rows that their states leave free."""
         moved = x.copy()
+        self.friction = np.where(self.tangential >= 0, np.append(x, 0.0)[self.tangential], 0.0)
         for v in np.flatnonzero((self.normal[:, 0] >= 0) & ~self.alone
                                 & ~np.isin(self.acting, RUBS)):
             n, t, force = self.normal[v], self.tangential[v], self._force(v, x)
@@ -353,9 +323,13 @@ class CornerNodes:
                      for values in (rows.coefficient, rows.offset))
 
     def _shared_at_rest(self, v: int, force: np.ndarray, rows):
-        """Pressures and friction forces (2,) each that hold corner v with `force` (2,), or None."""
+        """Pressures and friction forces (2,) each that hold corner v with `force` (2,), or None.
+
+        With the least change of those forces if it has stayed, else with the least of them.
+        """
         F, c = self._law(v, rows)
-        return least_friction(force, self.directions[v], F, c, self.bilateral[v])
+        before = self.friction[v] if self.rested[v] else np.zeros(2)
+        return least_friction(force, self.directions[v], F, c, self.bilateral[v], before)
 
     def _parts(self, v: int, force: np.ndarray, slip: np.ndarray, rows, least):
         """Pressures and friction forces (2,) each of corner v under the force (2,) it arrives with.
@@ -364,7 +338,7 @@ class CornerNodes:
         beyond `least`.
         """
         sign = np.where(np.abs(slip) > least, np.sign(slip), 0.0)
-        rests = self.rested[v] and not self.rubbed[v]
+        rests = self.rested[v] and not self.shifted[v]
         if rows is None or rests or (self.tangential[v] < 0).any() or not sign.any():
             return None
         (F, c), normal, tangent = self._law(v, rows), self.directions[v], self._tangents(v)

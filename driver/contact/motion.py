@@ -53,6 +53,13 @@ class ObstacleMotion:
         return all(np.array_equal(values[first], values[last])
                    for values in (self.gap, self.shift, self.angle))
 
+    def moved(self, before: float, now: float) -> np.ndarray:
+        """(n,) whether the obstacle of a node stands elsewhere at the second of two times."""
+        first, last = self.index(before), self.index(now)
+        return ((self.shift[first] != self.shift[last]).any(axis=1)
+                | (self.angle[first] != self.angle[last])
+                | (self.gap_at(before) != self.gap_at(now)))
+
     def of(self, nodes: np.ndarray) -> "ObstacleMotion":
         """The same at some nodes."""
         return replace(self, gap=self.gap[:, nodes], shift=self.shift[:, nodes],

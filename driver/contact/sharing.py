@@ -33,22 +33,24 @@ def alike(force: np.ndarray, normals: np.ndarray, F: np.ndarray, c: np.ndarray,
 
 
 def least_friction(force: np.ndarray, normals: np.ndarray, F: np.ndarray, c: np.ndarray,
-                   bilateral: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+                   bilateral: np.ndarray,
+                   before=(0.0, 0.0)) -> tuple[np.ndarray, np.ndarray] | None:
     """Pressures p and friction forces q (2,) of two nodes at one vertex that make up `force` (2,).
 
     With `normals` (2, 2), independent, and tangents t = (-n_y, n_x)
 
         sum_i p_i n_i + q_i t_i = force,   |q_i| <= F_i |p_i| + c_i,   p_i >= 0 if not `bilateral`,
 
-    with the least |q_1| + |q_2|; None if nothing does. For given signs of p this is a linear
-    program in q, whose solution is where two of its lines meet: those of the bounds, p_i = 0 and
-    q_i = 0. Ties are for the first of them.
+    with the least |q_1 - b_1| + |q_2 - b_2| from friction forces b (2,) that were there `before`;
+    None if nothing does. For given signs of p this is a linear program in q, whose solution is
+    where two of its lines meet: those of the bounds, p_i = 0 and q_i = b_i. Ties are for the first
+    of them.
     """
     own, turn, slight = _resolved(force, normals)
     best, least = None, np.inf
     for signs in product(*([1.0, -1.0] if pulls else [1.0] for pulls in bilateral)):
-        for q in _crossings(own, turn, F * signs, c):
-            p, rub = own - turn @ q, np.abs(q).sum()
+        for q in _crossings(own, turn, F * signs, c, before):
+            p, rub = own - turn @ q, np.abs(q - before).sum()
             if _fits(p, q, signs, F, c, slight) and rub < least - slight:
                 best, least = _within(p, q, signs, F, c), rub
     return best
@@ -73,19 +75,19 @@ def _within(p, q, signs, F, c) -> tuple[np.ndarray, np.ndarray]:
     return p, np.clip(q, -F * np.abs(p) - c, F * np.abs(p) + c)
 
 
-def _lines(own, turn, F, c) -> list[tuple[np.ndarray, float]]:
-    """(a, b) of the lines a . q = b: q_i = 0, p_i = 0, q_i = -+(F_i p_i + c_i)."""
+def _lines(own, turn, F, c, before=(0.0, 0.0)) -> list[tuple[np.ndarray, float]]:
+    """(a, b) of the lines a . q = b: q_i = before_i, p_i = 0, q_i = -+(F_i p_i + c_i)."""
     lines = []
     for i, unit in enumerate(np.eye(2)):
-        lines += [(unit, 0.0), (turn[i], own[i])]
+        lines += [(unit, before[i]), (turn[i], own[i])]
         lines += [(unit + way * F[i] * turn[i], way * (F[i] * own[i] + c[i])) for way in (1, -1)]
     return lines
 
 
-def _crossings(own, turn, F, c) -> list[np.ndarray]:
+def _crossings(own, turn, F, c, before=(0.0, 0.0)) -> list[np.ndarray]:
     """Points q (2,) where two of the lines meet."""
     points = []
-    for (a, b), (other, value) in combinations(_lines(own, turn, F, c), 2):
+    for (a, b), (other, value) in combinations(_lines(own, turn, F, c, before), 2):
         matrix = np.array([a, other])
         sizes = np.linalg.norm(matrix, axis=1)
         if abs(np.linalg.det(matrix)) > PARALLEL * sizes.prod():

@@ -187,7 +187,8 @@ class QuasistaticSolver:
         if self.effects.coefficient_changes:
             self.slip.travelled = self._travelled(index)[rows.tangential_node]
         if rows.corners is not None:
-            rows.corners.rubbed = (way[rows.corners.nodes] != 0).any(axis=1)
+            moved = self.contact.motion.moved(before, now)
+            rows.corners.shifted = moved[rows.corners.nodes].any(axis=1)
 
     def _travelled(self, index: int) -> np.ndarray:
         """(n_c,) way of the obstacles' surfaces in all steps before `index`."""

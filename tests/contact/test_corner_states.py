@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
+from driver.contact.acting import (BOTH, FIRST, FIRST_RUBS, NEITHER, SECOND, SECOND_RUBS,
+                                   STANDING)
 from driver.contact.beside import Beside
-from driver.contact.corner_nodes import (BOTH, FIRST, FIRST_RUBS, MOST, NEITHER, SECOND,
-                                         SECOND_RUBS, STANDING, CornerNodes)
+from driver.contact.corner_nodes import MOST, CornerNodes
 from driver.contact.sharing import least_friction
 from driver.errors import NoSolution, NotConverged
 from driver.march.corner_states import CornerStates

@@ -327,7 +327,9 @@ def test_bilateral_contact_pulls_as_it_presses(solved, named_scene):
 @pytest.mark.parametrize("element", ["P1", "P2"])
 @pytest.mark.some(1)
 def test_a_vertex_that_rests_in_its_corner(checked, named_scene, element):
-    """It arrives against the friction of both sides; after that it needs none, at any cut."""
+    """It arrives against the friction of both sides, which stays while pressure bears it, at any
+    cut.
+    """
     path = named_scene("rest", REST)
     runs = [checked(path, element=element, steps=6, subdomains=n) for n in (1, 5)]
     assert apart(by_place(runs[1]), by_place(runs[0])) <= CLOSE
@@ -336,7 +338,49 @@ def test_a_vertex_that_rests_in_its_corner(checked, named_scene, element):
     normal, tangential = c["sigma_n"][:, tip], c["sigma_t"][:, tip]
     assert tip.sum() == 2 and (normal < 0).all()
     assert np.abs(tangential[0]) == pytest.approx(-0.4 * normal[0], rel=1e-12)
-    assert (tangential[1:] == 0).all()
+    assert np.ptp(tangential[:5], axis=0) == pytest.approx([0, 0], abs=1e-12)
+    assert tangential[5, 1] == pytest.approx(-0.4 * normal[5, 1], rel=1e-12)
+    assert tangential[5, 1] < tangential[0, 1]
+
+
+SHOVED = """// a block on a floor that a wall pushes along, once it is pressed down
+include "scene.idp"
+units("mm", "MPa");
+rectangle(0., 4., 0., 2.);
+quasistatic(2.);
+macro stepTimes() [1.] //
+macro young() 1000. //
+macro poisson() 0.3 //
+macro contact() 1, 2 //
+macro friction() (label == 1 ? 0.3 : 0.) //
+macro load1() traction(3, 0., -5.) //
+macro amplitude1(t) min(1., t) //
+macro obstacleX(t) (label == 2 ? -0.5*max(0., t - 1.) : 0.) //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("more", ["", "macro largeSliding() 1. //"])
+def test_a_wall_that_moves_along_its_normal_drags_the_vertex_along_the_floor(solved, named_scene,
+                                                                              more):
+    """All of the floor slides: T = F N, the vertex's part of it too, at any mesh."""
+    path = named_scene("shoved", SHOVED.replace("macro young()", f"{more}\nmacro young()"))
+    run = solved(path, cells=2, steps=4, subdomains="2x1", **TIGHT)
+    at = run.contact["boundary"][-1] == 1
+    force = {name: (run.contact[name][-1] * run.contact["weight"][-1])[at].sum()
+             for name in ("sigma_n", "sigma_t")}
+    assert abs(force["sigma_t"]) == pytest.approx(-0.3 * force["sigma_n"], rel=1e-6)
+
+
+def test_a_step_in_which_nothing_changes_keeps_the_forces_in_a_corner(solved, named_scene):
+    """The wall stands 0.05 inside the block and has pushed it along the floor; nothing moves more.
+    """
+    text = SHOVED.replace("macro obstacleX(t) (label == 2 ? -0.5*max(0., t - 1.) : 0.) //",
+                          "macro gap() (label == 2 ? -0.05 : 0.) //")
+    c = solved(named_scene("wedged", text), cells=2, steps=4, subdomains="2x1", **TIGHT).contact
+    largest = np.abs(c["sigma_n"][-1]).max()
+    for name in ("sigma_n", "sigma_t"):
+        assert np.abs(np.diff(c[name][1:], axis=0)).max() <= CLOSE * largest
 
 
 def test_every_state_has_its_iterations(checked, named_scene, monkeypatch):

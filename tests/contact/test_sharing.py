@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog, minimize
 
-from driver.contact.corner_nodes import BOTH, FIRST, SECOND, STANDING, CornerNodes
+from driver.contact.acting import BOTH, FIRST, SECOND, STANDING
+from driver.contact.corner_nodes import CornerNodes
 from driver.contact.sharing import alike, least_friction
 
 
@@ -51,18 +52,22 @@ def test_forces_are_nearest_to_those_beside(seed, cohesion):
 
 
 @pytest.mark.parametrize("cohesion", [False, True])
+@pytest.mark.parametrize("before", [(0.0, 0.0), (0.3, -0.1)])
 @pytest.mark.parametrize("seed", range(4))
-def test_the_least_friction_is_that_of_a_linear_program(seed, cohesion):
-    """p_1, p_2, and q as a difference of two parts."""
-    normals, F, c, force, _ = corner(seed, cohesion)
-    p, q = least_friction(force, normals, F, c, np.zeros(2, bool))
+def test_the_least_friction_is_that_of_a_linear_program(seed, before, cohesion):
+    """p_1, p_2, and q from what was there before as a difference of two parts."""
+    (normals, F, c, force, _), before = corner(seed, cohesion), np.array(before)
+    p, q = least_friction(force, normals, F, c, np.zeros(2, bool), before)
     fits(force, normals, F, c, p, q)
     t = tangents(normals)
     bounds = np.hstack([-np.diag(F), np.eye(2), -np.eye(2)])
     bounds = np.vstack([bounds, np.hstack([-np.diag(F), -np.eye(2), np.eye(2)])])
-    answer = linprog([0, 0, 1, 1, 1, 1], A_ub=bounds, b_ub=np.tile(c, 2),
-                     A_eq=np.vstack([normals, t, -t]).T, b_eq=force)
-    assert np.abs(q).sum() == pytest.approx(answer.fun, abs=1e-9)
+    answer = linprog([0, 0, 1, 1, 1, 1], A_ub=bounds, b_ub=[*(c - before), *(c + before)],
+                     A_eq=np.vstack([normals, t, -t]).T, b_eq=force - before @ t)
+    assert np.abs(q - before).sum() == pytest.approx(answer.fun, abs=1e-9)
+    # those forces go on as they are
+    again = least_friction(force, normals, F, c, np.zeros(2, bool), q)
+    np.testing.assert_allclose(again, (p, q), atol=1e-9)
 
 
 def test_forces_that_nothing_bears_are_shared_by_nobody():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from test_shortcut import forces, products
 
-from driver.contact.corner_nodes import FIRST, SECOND
+from driver.contact.acting import FIRST, SECOND
 from driver.march import shortcut
 from driver.march.corner_states import CornerStates
 from driver.march.step import Trace

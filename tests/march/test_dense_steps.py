@@ -475,14 +475,15 @@ def test_the_load_of_a_step():
 def test_obstacles_that_move_take_contact_with_them():
     s = solver(found, [])
     s.times, s.rows.corners = np.array([0.0, 1.0, 3.0]), SimpleNamespace(
-        nodes=np.array([[0, 1], [2, 2]]), rubbed=None)
+        nodes=np.array([[0, 1], [2, 2]]), shifted=None)
     s.contact = SimpleNamespace(
-        motion=SimpleNamespace(gap_at=lambda time: time * np.arange(3.0)),
+        motion=SimpleNamespace(gap_at=lambda time: time * np.arange(3.0),
+                               moved=lambda before, now: np.array([False, True, False])),
         way=lambda before, now: (now - before) * np.array([0.5, 0.0, 0.0]))
     s.slip, s.effects = SimpleNamespace(way=0.0), SimpleNamespace(coefficient_changes=False)
     s._move_obstacles(2)
     assert s.rows.gap.tolist() == [0, 3, 6] and s.slip.way.tolist() == [1, 0, 0]
-    assert s.rows.corners.rubbed.tolist() == [True, False]
+    assert s.rows.corners.shifted.tolist() == [True, False]
     # laws of displacement see what the surface has travelled before, step by step where it turns
     s.effects.coefficient_changes, s.contact.gid = True, np.arange(3)
     s.times, asked = np.array([0.0, 1.0, 3.0, 4.0]), []
