@@ -30,12 +30,19 @@ def beside(contact, nodes: np.ndarray, owned) -> Beside:
 
     `owned(rows)`: positions of dual rows in the rank's dual vectors, -1 of those of other ranks.
     """
+    near = neighbours(contact, nodes)
+    known = (near >= 0).all(axis=1) & contact.paired[nodes].all(axis=1)
+    rows = np.stack([contact.normal_row[near], contact.tangential_row[near]], axis=2)
+    return Beside(owned(rows), contact.weight[nodes] / contact.weight[near], known)
+
+
+def neighbours(contact, nodes: np.ndarray) -> np.ndarray:
+    """The nearest nodes beside `nodes`, of any shape, on the same boundary; -1 where there is none.
+    """
     near = np.full(nodes.shape, -1)
     for place, i in np.ndenumerate(nodes):
         away = np.linalg.norm(contact.xy - contact.xy[i], axis=1)
         on = [k for k in (i - 1, i + 1) if 0 <= k < len(away) and away[k] > 0
               and contact.chain[k] == contact.chain[i] and contact.family[k] == contact.family[i]]
         near[place] = min(on, key=away.__getitem__, default=-1)
-    known = (near >= 0).all(axis=1) & contact.paired[nodes].all(axis=1)
-    rows = np.stack([contact.normal_row[near], contact.tangential_row[near]], axis=2)
-    return Beside(owned(rows), contact.weight[nodes] / contact.weight[near], known)
+    return near

@@ -26,7 +26,7 @@ def corner_pairs(contact, fixed_keys: np.ndarray, yields: np.ndarray) -> np.ndar
     pairs = []
     for gid in gids[count > 1]:
         nodes = np.flatnonzero((contact.gid == gid) & (contact.normal_row >= 0))
-        rows = [_rows(contact, node, fixed_keys) for node in nodes]
+        rows = [rows_of(contact, node, fixed_keys) for node in nodes]
         near = NEAR if contact.paired[nodes].any() else DEPENDENT
         if _rank(rows, near) == sum(map(len, rows)):
             continue
@@ -61,7 +61,8 @@ def _of_rings(contact, fixed_keys: np.ndarray, known: set[int]) -> list[tuple]:
     of = {gid: np.sort(order[contact.gid[order] == gid]) for gid in gids[count == 2]}
     of = {gid: nodes for gid, nodes in of.items()
           if contact.paired[nodes].all() and not known & set(nodes.tolist())}
-    rows = {gid: [_rows(contact, node, fixed_keys) for node in nodes] for gid, nodes in of.items()}
+    rows = {gid: [rows_of(contact, node, fixed_keys) for node in nodes]
+            for gid, nodes in of.items()}
     pairs, place = [], {gid: k for k, gid in enumerate(contact.gid[order])}
     for ring in _connected(rows):
         ring = sorted(ring, key=place.get)
@@ -96,7 +97,7 @@ def _opposite(normals: np.ndarray) -> bool:
     return bool(abs(np.linalg.det(normals)) < OPPOSITE)
 
 
-def _rows(contact, node: int, fixed_keys: np.ndarray) -> list[dict[int, float]]:
+def rows_of(contact, node: int, fixed_keys: np.ndarray) -> list[dict[int, float]]:
     """The rows of a node: coefficients by displacement, fixed ones left out."""
     terms = np.flatnonzero(contact.term_node == node)
     directions = [contact.normal[node]]

@@ -290,6 +290,9 @@ class QuasistaticSolver:
         self.scales.keep()
         if rows.corners is not None:
             x = self.corners.end_step(x, gradient)
+        if rows.junctions is not None:
+            x = rows.junctions.shared(x, gradient, rows, self.scales.displacements[op.row_level],
+                                      op.comm)
         return Step(index, float(self.times[index]), load.weights, x, gradient, rows.states(x),
                     rows.law_bound(x), trace.iterations, op.products - products,
                     trace.contraction, residuals, moved, trace.refined), error

@@ -433,8 +433,8 @@ def test_surfaces_that_wear_or_yield_agree_with_single_runs(made, solved, scene,
 
 @pytest.mark.parametrize("values", ["0.1,0.3", "0.3,0.1"])
 def test_corners_that_open_do_not_change_what_other_values_find(made, solved, named_scene, values):
-    """The vertex of two boundaries with cohesion, of which one lets go: rows kept apart in one state
-    are as they were in the next, for other steps and other values.
+    """The vertex of two boundaries with cohesion, of which one lets go: rows kept apart in one
+    state are as they were in the next, for other steps and other values.
     """
     scene = named_scene("corner", """include "scene.idp"
 units("mm", "MPa");

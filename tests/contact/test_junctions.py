@@ -1,0 +1,121 @@
+"""Places where three conditions meet on two bodies: forces that displacements do not tell."""
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from driver.contact import junctions
+from driver.contact.junctions import Junction, least_distance
+
+TIGHT = {"rtol": "1e-11", "friction_rtol": "1e-10"}
+CLOSE = 1e-6  # of the largest traction: tolerances of 1e-10 and the condition of the problem
+BESIDE = """// two blocks beside one another on {below}, pressed down, pushed together and let go
+include "scene.idp"
+int[int] sb = [11, 12, 13, 14], sc = [21, 22, 23, 24];
+addBody(square({left}, 3, [-4 + 4*x, 3*y], label = sb)) bodyMaterial("B", 400., 0.3);
+addBody(square({right}, 3, [4*x, 3*y], label = sc)) bodyMaterial("C", 300., 0.3);
+{more}
+quasistatic(2.);
+macro stepTimes() [1., 1.5] //
+macro friction() 0.3 //
+macro load1() traction(13, 0., -4.) + traction(23, 0., -2.) //
+macro amplitude1(t) min(1., t) //
+macro load2() traction(14, 2.4, 0.) + traction(22, -1., 0.) //
+macro amplitude2(t) (t < 1. ? 0. : (t < 1.5 ? 2*(t - 1.) : 2*(2 - t))) //
+include "export.idp"
+"""
+FLOOR = "macro contact() 11, 21 //\nmacro contactPair() 12, 24 //"
+BODY = """int[int] sa = [1, 2, 3, 4];
+addBody(square(12, 2, [-6 + 12*x, -2 + 2*y], label = sa)) bodyMaterial("A", 500., 0.3);
+macro support() on(1, u1 = 0., u2 = 0.) //
+macro contactPair() 11, 3, 21, 3, 12, 24 //"""
+
+
+def by_place(run) -> np.ndarray:
+    """(steps, nodes, 2) tractions, sorted by boundary and place."""
+    c = run.contact
+    order = np.lexsort((c["y"][0].round(9), c["x"][0].round(9), c["boundary"][0]))
+    return np.stack([c["sigma_n"], c["sigma_t"]], axis=2)[:, order]
+
+
+@pytest.mark.parametrize("more, element", [(FLOOR, "P1"), (FLOOR, "P2"), (BODY, "P1")])
+@pytest.mark.some(1)
+def test_forces_where_two_blocks_and_what_they_stand_on_meet(solved, named_scene, more, element):
+    """The same at any cut and on two ranks, within Coulomb's law, and in balance."""
+    path = named_scene("beside", BESIDE.format(below="a floor", left=5, right=4, more=more))
+    runs = [solved(path, steps=8, element=element, **TIGHT, **cut) for cut in (
+        {"subdomains": 2 + (more == BODY)}, {"subdomains": 5}, {"subdomains": 7, "np": 2})]
+    one = by_place(runs[0])
+    largest = np.abs(one).max()
+    for other in runs[1:]:
+        assert np.abs(by_place(other) - one).max() <= CLOSE * largest
+    c = runs[0].contact
+    assert (np.abs(c["sigma_t"]) <= c["bound"] + 1e-12 * largest).all()
+    assert max(runs[0].summary["residuals"].values()) < 1e-5
+
+
+def test_without_bodies_that_meet_there_are_none(built):
+    for scene in ("model", "wedge"):
+        assert built(scene).structure.contact.junctions == []
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_shortest_vector_beyond_planes(seed):
+    random = np.random.default_rng(seed)
+    G, h = random.normal(size=(7, 3)), random.normal(size=7) - 1
+    found = least_distance(G, h)
+    best = minimize(lambda z: z @ z, np.zeros(3), jac=lambda z: 2 * z, method="SLSQP",
+                    constraints={"type": "ineq", "fun": lambda z: G @ z - h})
+    assert (found is not None) == best.success
+    if best.success:
+        assert (G @ found >= h - 1e-9).all()
+        assert found @ found == pytest.approx(best.fun, rel=1e-5)
+
+
+def test_planes_that_leave_nothing():
+    assert least_distance(np.array([[1.0, 0.0], [-1.0, 0.0]]), np.array([1.0, 1.0])) is None
+
+
+def nearest(force, moved, near, F=0.3, pulls=False):
+    """Forces of three nodes of which the first two stand on a floor, the third between them."""
+    # what the pair presses, the floor takes as friction under both; and its friction as pressure
+    free = np.array([[0, 1], [1, 0], [0, -1], [-1, 0], [1, 0], [0, 1.0]]) / np.sqrt(3)
+    return junctions._nearest(Junction(np.arange(3), np.arange(6), free), np.array(force),
+                              np.array(moved), np.ones((3, 2)), np.full(3, F), np.zeros(3),
+                              np.full(3, pulls), np.array(near))
+
+
+def total(force):
+    """What moves the two vertices."""
+    f = np.array(force)
+    return [f[0, 0] - f[2, 1], f[0, 1] - f[2, 0], f[1, 0] + f[2, 1], f[1, 1] + f[2, 0]]
+
+
+def test_forces_are_as_near_to_those_beside_as_the_laws_allow():
+    force = [[2.0, 0.1], [3.0, 0.2], [0.5, 0.1]]
+    still = np.zeros((3, 2))
+    # what is beside obeys and moves nothing: that
+    aim = np.array(force) + 0.05 * np.array([[1, 1], [-1, -1], [1, 1.0]])
+    found = nearest(force, still, aim)
+    np.testing.assert_allclose(found, aim, atol=1e-8)
+    # beyond a law: on its bound
+    found = nearest(force, still, np.array(force) + [[0, 3], [0, -3], [3, 0.0]])
+    assert total(found) == pytest.approx(total(force), abs=1e-7)
+    assert (np.abs(found[:, 1]) <= 0.3 * found[:, 0] + 1e-12).all()
+    assert np.abs(found[0, 1]) == pytest.approx(0.3 * found[0, 0])
+
+
+def test_what_slides_and_what_is_open_stay_so():
+    force = [[2.0, 0.6], [3.0, 0.2], [0.5, 0.1]]
+    found = nearest(force, [[0, -1e-3], [0, 0], [0, 0.0]], np.array(force) + 0.1)
+    assert found[0, 1] == pytest.approx(0.3 * found[0, 0], rel=1e-12)
+    assert total(found) == pytest.approx(total(force), abs=1e-7)
+    force[2] = [0.0, 0.0]
+    found = nearest(force, [[0, 0], [0, 0], [1e-3, 0.0]], np.array(force) + 0.1)
+    np.testing.assert_allclose(found, force, atol=1e-7)
+
+
+def test_forces_that_no_law_bears_are_left():
+    force = [[2.0, 0.1], [-3.0, 0.2], [0.5, 0.1]]
+    assert nearest(force, np.zeros((3, 2)), force).tolist() == force
+    assert not nearest(np.zeros((3, 2)), np.zeros((3, 2)), np.ones((3, 2))).any()
