@@ -205,6 +205,8 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
                                     writer.record.displacements, settings, _softest(problem),
                                     manifest.units),
                 *omissions.without_wear(writer.record), *omissions.held_inside(writer.record),
+                *omissions.beyond_period(structure, problem.effects.joints,
+                                         manifest.contact_pairs, problem.operator.comm),
                 *(writer.probes.warnings if writer.probes else [])]
     if optional.get("validity") and optional["validity"]["verdict"] != "ok":
         doubt = optional["validity"]
