@@ -84,7 +84,7 @@ class JunctionForces:
 
     `of`: the junctions; `normal`, `tangential` (n,) positions of their nodes' rows in the rank's
     dual vectors, -1 where it owns none; `in_tangential` (n,) likewise in ContactRows; `bilateral`
-    (n,); `known` (n,) whether a node lies `beside` them.
+    (n,); `known` (n,) whether a node lies `beside` them, else nothing is beside.
     """
 
     of: list[Junction]
@@ -104,13 +104,12 @@ class JunctionForces:
         """
         force, moved, size, (F, c) = (np.sum(comm.allgather(own), axis=0) for own in (
             self._at(x), self._at(gradient), self._at(deformation), self._law(rows)))
-        near = self.beside.forces(x, comm)[0]
+        near = np.where(self.known[:, None], self.beside.forces(x, comm)[0], 0.0)
         shared, first = x.copy(), 0
         for junction in self.of:
             own = slice(first, first := first + len(junction.nodes))
             chosen = _nearest(junction, force[own], moved[own], size[own], F[own], c[own],
-                              self.bilateral[own],
-                              np.where(self.known[own, None], near[own], force[own]))
+                              self.bilateral[own], near[own])
             for places, values in zip((self.normal[own], self.tangential[own]), chosen.T):
                 shared[places[places >= 0]] = values[places >= 0]
         return shared
