@@ -20,7 +20,6 @@ import numpy as np
 from ..feti.rows import RowKind
 from ..feti.structure import Substructure
 from .corner_nodes import CornerNodes, corner_nodes
-from .junctions import JunctionForces, junction_forces
 from .states import OPEN, SLIP, STICK
 
 ROUNDING = 1e-13  # relative, of a bound: a pressure is a sum of hundreds of terms
@@ -58,8 +57,7 @@ class ContactRows:
     with `pair`, the position of the same node's normal row, and `node`. `coefficient` (j,) of
     friction, and `offset` (j,) of its bound, are None where no declared effect has one. `corners`
     are vertices with two contact nodes, whose states exclude rows: their multipliers are zero. None
-    where there are none. `idle` are rows of nodes that face nothing, likewise, if any, and
-    `junctions` share forces that displacements do not tell.
+    where there are none. `idle` are rows of nodes that face nothing, likewise, if any.
     """
 
     normal: np.ndarray
@@ -74,7 +72,6 @@ class ContactRows:
     pulls: np.ndarray
     corners: CornerNodes | None = None
     idle: np.ndarray | None = None
-    junctions: JunctionForces | None = None
 
     @property
     def bilateral(self) -> np.ndarray:
@@ -181,5 +178,4 @@ def contact_rows(structure: Substructure, law: ContactLaw) -> ContactRows:
                        contact.tangential_row[tangential] - start, tangential,
                        contact.normal_row[tangential] - start, coefficient, offset,
                        np.flatnonzero(structure.row_kind == RowKind.GLUING),
-                       law.bilateral[normal], corner_nodes(structure, place, law), idle,
-                       junction_forces(structure, place, law))
+                       law.bilateral[normal], corner_nodes(structure, place, law), idle)

@@ -78,6 +78,7 @@ class QuasistaticSolver:
         self.contact = operator.structure.contact
         self.law = self.effects.contact_law(self.contact)
         self.rows = contact_rows(operator.structure, self.law)
+        self.junctions = self._junctions()
         self.slip = SlipState(operator, self.rows, self.effects, self.initial)
         self.qp = FrictionQP(operator, self.rows, self.settings, self.scales, self.history, bound)
         self.bodies = self._bodies()
@@ -95,6 +96,14 @@ class QuasistaticSolver:
         from ..effects.free_bodies import FreeBodies
 
         return FreeBodies(self.operator, self.rows, self.effects, self.scales, self.history)
+
+    def _junctions(self):
+        """What shares the forces of junctions, imported only where there are any."""
+        if not self.contact.junctions:
+            return None
+        from .junction_forces import junction_forces
+
+        return junction_forces(self.operator.structure, self.rows, self.law)
 
     def _closure(self):
         """What laws of rough or worn surfaces need, imported only where there are such laws."""
@@ -290,8 +299,8 @@ class QuasistaticSolver:
         self.scales.keep()
         if rows.corners is not None:
             x = self.corners.end_step(x, gradient)
-        if rows.junctions is not None:
-            x = rows.junctions.shared(x, gradient, rows, self.scales.displacements[op.row_level],
+        if self.junctions is not None:
+            x = self.junctions.shared(x, gradient, rows, self.scales.displacements[op.row_level],
                                       op.comm)
         return Step(index, float(self.times[index]), load.weights, x, gradient, rows.states(x),
                     rows.law_bound(x), trace.iterations, op.products - products,

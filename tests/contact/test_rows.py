@@ -33,8 +33,7 @@ def test_rows_of_idle_nodes_do_not_act(monkeypatch):
     """On the rank that has them, by their place there; a node may have rows of one kind alone."""
     monkeypatch.setattr(module, "corner_nodes", lambda *_: None)
     contact = SimpleNamespace(
-        gid=np.arange(5), gap=np.arange(5.0), junctions=[],
-        idle=np.array([True, False, True, True, False]),
+        gid=np.arange(5), gap=np.arange(5.0), idle=np.array([True, False, True, True, False]),
         normal_row=np.array([9, 10, 12, -1, 15]), tangential_row=np.array([20, 11, -1, 14, 16]))
     structure = SimpleNamespace(contact=contact, row_range=(10, 17),
                                 row_kind=np.array([1, 2, 1, 0, 2, 1, 2]))

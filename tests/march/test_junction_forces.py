@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize
 
-from driver.contact import junctions
-from driver.contact.junctions import Junction, least_distance
+from driver.contact.junctions import Junction
+from driver.march import junction_forces
 
 TIGHT = {"rtol": "1e-11", "friction_rtol": "1e-10"}
 CLOSE = 1e-6  # of the largest traction: tolerances of 1e-10 and the condition of the problem
@@ -59,28 +58,11 @@ def test_without_bodies_that_meet_there_are_none(built):
         assert built(scene).structure.contact.junctions == []
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_the_shortest_vector_beyond_planes(seed):
-    random = np.random.default_rng(seed)
-    G, h = random.normal(size=(7, 3)), random.normal(size=7) - 1
-    found = least_distance(G, h)
-    best = minimize(lambda z: z @ z, np.zeros(3), jac=lambda z: 2 * z, method="SLSQP",
-                    constraints={"type": "ineq", "fun": lambda z: G @ z - h})
-    assert (found is not None) == best.success
-    if best.success:
-        assert (G @ found >= h - 1e-9).all()
-        assert found @ found == pytest.approx(best.fun, rel=1e-5)
-
-
-def test_planes_that_leave_nothing():
-    assert least_distance(np.array([[1.0, 0.0], [-1.0, 0.0]]), np.array([1.0, 1.0])) is None
-
-
 def nearest(force, moved, near, F=0.3, pulls=False):
     """Forces of three nodes of which the first two stand on a floor, the third between them."""
     # what the pair presses, the floor takes as friction under both; and its friction as pressure
     free = np.array([[0, 1], [1, 0], [0, -1], [-1, 0], [1, 0], [0, 1.0]]) / np.sqrt(3)
-    return junctions._nearest(Junction(np.arange(3), np.arange(6), free), np.array(force),
+    return junction_forces._nearest(Junction(np.arange(3), np.arange(6), free), np.array(force),
                               np.array(moved), np.ones((3, 2)), np.full(3, F), np.zeros(3),
                               np.full(3, pulls), np.array(near))
 
