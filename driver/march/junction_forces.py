@@ -97,7 +97,8 @@ def _nearest(junction: Junction, force, moved, size, F, c, bilateral, near) -> n
     p, q = largest * (present + free @ (aim + step)).reshape(-1, 2).T
     p = np.where(opened | (p * sign <= 0), 0.0, p)
     bound = F * np.abs(p) + c
-    q = np.where(slides, np.sign(force[:, 1]) * bound, np.clip(q, -bound, bound))
+    inside = (1 - SLIGHT) * bound  # what does not slide is not said to
+    q = np.where(slides, np.sign(force[:, 1]) * bound, np.clip(q, -inside, inside))
     return np.column_stack([p, q])
 
 
