@@ -95,11 +95,12 @@ class CornerNodes:
 
     def carried(self) -> dict[str, np.ndarray]:
         """What goes on from step to step, for checkpoints."""
-        return {"acting": self.acting, "rested": self.rested}
+        return {"acting": self.acting, "rested": self.rested, "friction": self.friction}
 
     def restore(self, carried: dict[str, np.ndarray]) -> None:
         """Go on from what was `carried`."""
         self.acting, self.rested = carried["acting"], carried["rested"]
+        self.friction = carried["friction"]
 
     @property
     def arriving(self) -> bool:
@@ -260,14 +261,15 @@ class CornerNodes:
             if parts is not None:
                 shared[n], shared[t[t >= 0]] = parts[0], parts[1][t >= 0]
                 acting[v] = self._state_of(v, force, rows)
-        acting, self.rested = np.sum(comm.allgather((acting, inside)), axis=0)
-        self.rested, before, self.acting = self.rested > 0, self.acting, acting
+        acting, inside = np.sum(comm.allgather((acting, inside)), axis=0)
+        self.rested, before, self.acting = inside > 0, self.acting, acting
+        rubs = np.where(self.tangential >= 0, np.append(shared, 0.0)[self.tangential], 0.0)
+        self.friction = np.sum(comm.allgather(rubs), axis=0)
         return shared, not np.array_equal(before, acting)
 
     def own(self, x: np.ndarray) -> np.ndarray:
         """x with the same forces at the vertices in rows that their states leave free."""
         moved = x.copy()
-        self.friction = np.where(self.tangential >= 0, np.append(x, 0.0)[self.tangential], 0.0)
         for v in np.flatnonzero((self.normal[:, 0] >= 0) & ~self.alone
                                 & ~np.isin(self.acting, RUBS)):
             n, t, force = self.normal[v], self.tangential[v], self._force(v, x)
