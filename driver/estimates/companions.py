@@ -202,7 +202,7 @@ class Companions:
         if unseen and self.meshes[0] != self.base:
             # that of a support: no mesh tells when a place between the supports moves by more
             parts["displacement"] = Part(UNSEEN * value)
-        parts = unresolved.claimable(parts, self.values)
+        parts = unresolved.claimable(parts, self.values, self.caution.touch.nodes > 0)
         return unresolved.known(parts, self.unresolved, self.values, self.caution.touch)
 
     def _exceeding(self, pairs: int, stride: int) -> float:

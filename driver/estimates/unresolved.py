@@ -12,6 +12,8 @@ PRESSING = 3  # the same on a round boundary, for resultants too: one has but on
 BLIND = 0.25  # smoothed stresses' error in energy over its bound; that is 2.6 times the true one
 # at most in the tests, so that two thirds of the error are all that they see
 OWN = "the mesh is too coarse: it may be nothing but its own error"
+STICKS = "no node slides on this mesh"
+OF_SLIP = ("slip", "dissipated_energy")
 OF_BODIES = ("normal_resultant", "tangential_resultant", "displacement")
 ALIKE = ("normal_resultant", "displacement")  # of meshes of the same problem
 
@@ -72,17 +74,21 @@ def alike(runs: list) -> list:
     return runs[: next((k for k, pair in enumerate(runs) if not same(*pair)), len(runs))]
 
 
-def claimable(found: dict[str, Part], values: dict) -> dict[str, Part]:
+def claimable(found: dict[str, Part], values: dict, touches: bool = False) -> dict[str, Part]:
     """The parts `found`, but those as large as the value itself: meshes on which it comes and goes
     do not bound its error, nor that of the work of such a slip. What vanishes, but for the mesh, is
-    said to do so.
+    said to do so; by how much, if all that `touches` sticks, finer meshes know, on which it slides
+    at the ends of contact first.
     """
     zero = vanishing(values, {name: part.error for name, part in found.items()})
     unknown = {name for name, part in found.items() if name not in zero
                and part.error is not None and part.error >= abs(values[name]) > 0}
     if "slip" in unknown and "dissipated_energy" in found:
         unknown.add("dissipated_energy")
-    return found | {name: Part(None, note=OWN) for name in unknown}
+    found = found | {name: Part(None, note=OWN) for name in unknown}
+    if touches and values.get("slip") == 0:
+        found |= {name: Part(None, note=STICKS) for name in OF_SLIP if name in found}
+    return found
 
 
 def known(found: dict[str, Part], unknown: dict[str, Part], values: dict,

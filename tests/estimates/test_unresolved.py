@@ -173,3 +173,15 @@ def test_what_may_be_nothing_but_its_own_error_has_no_claim():
     assert all("its own error" in found[name].note for name in ("slip", "dissipated_energy"))
     sure = unresolved.claimable(parts | {"slip": Part(0.05)}, values)
     assert sure["slip"].error == 0.05 and sure["dissipated_energy"].error == 1e-3
+
+
+@pytest.mark.parametrize("slip, touches, known", [(0.0, True, False), (0.0, False, True),
+                                                  (1e-3, True, True)])
+def test_slip_of_what_only_sticks_has_no_claim(slip, touches, known):
+    """All meshes agree that nothing slides, but finer ones have microslip."""
+    values = {"slip": slip, "dissipated_energy": slip, "displacement": 1.0}
+    parts = dict.fromkeys(values, Part(0.0))
+    found = unresolved.claimable(parts, values, touches)
+    assert (found["slip"].error is not None) == known == (
+        found["dissipated_energy"].error is not None)
+    assert found["displacement"].error == 0.0
