@@ -1,4 +1,4 @@
-"""Junctions: places where bodies meet one another and others, as two blocks beside on a floor.
+"""Junctions: places where bodies meet one another and others, as two blocks side by side on a floor.
 
 Each of the contact nodes there has its conditions, and together they depend on one another: what
 the blocks press one another by, the floor may take as friction under both. Displacements leave
@@ -34,10 +34,10 @@ def junctions(contact, fixed_keys: np.ndarray) -> list[Junction]:
     rows depend on one another are corners (corner_pairs.py), and no junctions.
     """
     contact, known = contact.declared, set(contact.corners[:, :2].ravel().tolist())
-    if not contact.paired.any():
-        return []
     able = np.flatnonzero(contact.normal_row >= 0)
-    size = np.ptp(contact.xy[able], axis=0).max()
+    if not contact.paired[able].any():
+        return []
+    size = np.ptp(contact.xy[able], axis=0).max() or 1.0
     _, place, count = np.unique(np.round(contact.xy[able] / (SAME * size)), axis=0,
                                 return_inverse=True, return_counts=True)
     found = []
