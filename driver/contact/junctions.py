@@ -1,4 +1,4 @@
-"""Junctions: places where bodies meet one another and others, as two blocks side by side on a floor.
+"""Junctions: places where bodies meet one another and others, as two blocks abreast on a floor.
 
 Each of the contact nodes there has its conditions, and together they depend on one another: what
 the blocks press one another by, the floor may take as friction under both. Displacements leave
