@@ -62,10 +62,9 @@ class ContactBoundary:
     global dual rows, -1 where a node has none (frictionless contact, or a direction that the
     support fixes). What meets at node i is the sum of value_k u(gid_k) over the terms k with
     node_k = i: its own displacement on a rigid obstacle, a mortar jump where `paired`. `edges` are
-    pairs of nodes, those of `clamped` counted on. `corners` (v, 4) as from corner_pairs.py,
-    `junctions` as from junctions.py. The last `joined` entries are no contact nodes but rows of
-    joints.py: without gap and friction, with a component of the displacement in the place of the
-    normal one.
+    pairs of nodes, those of `clamped` counted on. `corners` (v, 4) as from corner_pairs.py. The
+    last `joined` entries are no contact nodes but rows of joints.py: without gap and friction, with
+    a component of the displacement in the place of the normal one.
     """
 
     gid: np.ndarray
@@ -90,7 +89,6 @@ class ContactBoundary:
     edges: np.ndarray  # (e, 2), on rigid obstacles
     clamped: ClampedContact
     corners: np.ndarray = field(default_factory=lambda: np.empty((0, 4), int))
-    junctions: list = field(default_factory=list)
     about: Configuration | None = None  # of pairs; None: the initial geometry
     axisymmetric: bool = False
     motion: object = None  # the ObstacleMotion; None: obstacles stand still

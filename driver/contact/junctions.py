@@ -3,21 +3,26 @@
 Each of the contact nodes there has its conditions, and together they depend on one another: what
 the blocks press one another by, the floor may take as friction under both. Displacements leave
 forces N y open, N the null space of the transposed rows; march/junction_forces.py chooses them.
+
+They are ends of contact boundaries that lie together, nearer than the nodes beside them, or with a
+gap in between, and the rows of joints that act on the same vertices. A node on a rough surface has
+the pressure that its law gives: its normal row takes no part.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from .beside import neighbours
 from .corner_pairs import rows_of
 
-SAME = 1e-9  # part of the boundary's extent within which places are one
-DEPENDENT = 1e-8  # singular value, of the largest, below which rows depend on one another
+NEAR = 0.3  # of the way to the node beside, within which ends of boundaries lie together
+DEPENDENT = 1e-8  # singular value of rows of length one below which they depend on one another
 
 
 @dataclass
 class Junction:
-    """Contact nodes (k,) at one place, their rows and forces (rows, m) that displace nothing.
+    """Nodes (k,) of contact and joints, their rows and forces (rows, m) that displace nothing.
 
     `rows`: 2 i for the normal, 2 i + 1 for the tangential row of the i-th node.
     """
@@ -27,41 +32,75 @@ class Junction:
     free: np.ndarray
 
 
-def junctions(contact, fixed_keys: np.ndarray) -> list[Junction]:
+def junctions(contact, fixed_keys: np.ndarray, yields: np.ndarray) -> list[Junction]:
     """Those of a ContactBoundary; empty where bodies meet nothing but obstacles.
 
-    `fixed_keys` are 2 gid + component of the displacements that supports fix. Vertices whose own
-    rows depend on one another are corners (corner_pairs.py), and no junctions.
+    `fixed_keys` are 2 gid + component of the displacements that supports fix; `yields` (n_c,): the
+    node's surface gives way under pressure. Nodes whose rows depend on those of the same vertex are
+    corners (corner_pairs.py), and take no part.
     """
-    contact, known = contact.declared, set(contact.corners[:, :2].ravel().tolist())
-    able = np.flatnonzero(contact.normal_row >= 0)
+    able = (contact.normal_row >= 0) & ~contact.idle
     if not contact.paired[able].any():
         return []
-    size = np.ptp(contact.xy[able], axis=0).max() or 1.0
-    _, place, count = np.unique(np.round(contact.xy[able] / (SAME * size)), axis=0,
-                                return_inverse=True, return_counts=True)
-    found = []
-    for group in np.flatnonzero(count > 2):
-        nodes = able[place.ravel() == group]
-        if known & set(nodes.tolist()):
-            continue
-        matrix, rows = _matrix(contact, nodes, fixed_keys)
-        left, values, _ = np.linalg.svd(matrix)
-        values = np.append(values, np.zeros(len(matrix) - len(values)))
-        if (values <= DEPENDENT * values.max()).any():
-            found.append(Junction(nodes, rows, left[:, values <= DEPENDENT * values.max()]))
+    ends = _ends(contact, np.flatnonzero(able & ~contact.is_joint))
+    ends = np.setdiff1d(ends, contact.corners[:, :2])
+    joined, found = np.flatnonzero(able & contact.is_joint), []
+    for nodes in _together(contact, ends):
+        nodes = np.concatenate([nodes, _on_same_vertices(contact, nodes, joined)])
+        rows, of = [], []
+        for i, node in enumerate(nodes if len(nodes) > 2 else ()):
+            for kind, row in enumerate(rows_of(contact, node, fixed_keys)):
+                if row and not (kind == 0 and yields[node]):
+                    rows.append(row)
+                    of.append(2 * i + kind)
+        free = _null_space(rows) if rows else np.zeros((0, 0))
+        if free.shape[1]:
+            found.append(Junction(nodes, np.array(of), free))
     return found
 
 
-def _matrix(contact, nodes: np.ndarray, fixed_keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(rows, displacements) of the nodes' rows, and which these are."""
-    rows, of = [], []
-    for i, node in enumerate(nodes):
-        for kind, row in enumerate(rows_of(contact, node, fixed_keys)):
-            rows.append(row)
-            of.append(2 * i + kind)
+def _ends(contact, nodes: np.ndarray) -> np.ndarray:
+    """Those of the `nodes` at which boundaries end or turn a corner."""
+    along = np.column_stack([contact.chain, contact.family])[nodes]
+    new = (along[1:] != along[:-1]).any(axis=1)
+    _, vertex, count = np.unique(contact.gid[nodes], return_inverse=True, return_counts=True)
+    return nodes[np.append(True, new) | np.append(new, True) | (count[vertex] > 1)]
+
+
+def _together(contact, nodes: np.ndarray) -> list[np.ndarray]:
+    """The `nodes` in groups that lie together."""
+    near = neighbours(contact, nodes)
+    reach = NEAR * np.where(near >= 0, np.linalg.norm(contact.xy[near] - contact.xy[nodes],
+                                                      axis=1), 0.0)
+    away = np.linalg.norm(contact.xy[nodes][:, None] - contact.xy[nodes], axis=2)
+    close = away <= np.minimum(reach[:, None], reach)
+    groups, left = [], set(range(len(nodes)))
+    while left:
+        group, more = set(), {min(left)}
+        while more:
+            group |= more
+            more = set(np.flatnonzero(close[sorted(more)].any(axis=0)).tolist()) - group
+        left -= group
+        groups.append(nodes[sorted(group)])
+    return groups
+
+
+def _on_same_vertices(contact, nodes: np.ndarray, joined: np.ndarray) -> np.ndarray:
+    """The rows of joints among `joined` that act on vertices on which contact `nodes` do."""
+    acts = contact.term_value != 0
+    gids = contact.term_gid[acts & np.isin(contact.term_node, nodes)]
+    on = acts & np.isin(contact.term_gid, gids)
+    return np.intersect1d(contact.term_node[on], joined)
+
+
+def _null_space(rows: list[dict[int, float]]) -> np.ndarray:
+    """(rows, m) forces of rows, by coefficients, that displace nothing; orthonormal."""
     keys = {key: place for place, key in enumerate(sorted(set().union(*rows)))}
     matrix = np.zeros((len(rows), len(keys)))
     for number, row in enumerate(rows):
         matrix[number, [keys[key] for key in row]] = list(row.values())
-    return matrix, np.array(of)
+    size = np.linalg.norm(matrix, axis=1)
+    left, values, _ = np.linalg.svd(matrix / size[:, None])
+    values = np.append(values, np.zeros(max(0, len(rows) - len(values))))
+    free = left[:, values <= DEPENDENT] / size[:, None]
+    return np.linalg.qr(free)[0]

@@ -4,7 +4,7 @@ import numpy as np
 
 from ..scene.loader import Subdomain
 from ..scene.manifest import Manifest
-from .gathering import gather
+from .gathering import gather, joined
 
 ALONG = 1e-12  # component of a direction that is none
 
@@ -28,6 +28,12 @@ def fixed_dofs(manifest: Manifest, subdomains: list[Subdomain],
         return keys, values
     low, high = (extreme.reduceat(values[order], first) for extreme in (np.minimum, np.maximum))
     return keys, np.where(high >= -low, high, low)
+
+
+def constrained_keys(structure) -> np.ndarray:
+    """(n,) keys 2 gid + component of the rank's displacements that a support constrains."""
+    return joined((2 * sub.node_gid[sub.dof_node[fixed]] + sub.dof_component[fixed]
+                   for sub, fixed in zip(structure.subdomains, structure.fixed)), np.int64)
 
 
 def free_keys(gids: np.ndarray, fixed_keys: np.ndarray) -> np.ndarray:

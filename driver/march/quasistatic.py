@@ -98,12 +98,14 @@ class QuasistaticSolver:
         return FreeBodies(self.operator, self.rows, self.effects, self.scales, self.history)
 
     def _junctions(self):
-        """What shares the forces of junctions, imported only where there are any."""
-        if not self.contact.junctions:
+        """What shares the forces of junctions, imported only where bodies meet; None without any.
+        """
+        if not self.contact.declared.paired.any():
             return None
         from .junction_forces import junction_forces
 
-        return junction_forces(self.operator.structure, self.rows, self.law)
+        return junction_forces(self.operator.structure, self.rows, self.law, self.effects,
+                               self.operator.comm)
 
     def _closure(self):
         """What laws of rough or worn surfaces need, imported only where there are such laws."""
@@ -301,7 +303,7 @@ class QuasistaticSolver:
             x = self.corners.end_step(x, gradient)
         if self.junctions is not None:
             x = self.junctions.shared(x, gradient, rows, self.scales.displacements[op.row_level],
-                                      op.comm)
+                                      self.settings.primal_rtol, op.comm)
         return Step(index, float(self.times[index]), load.weights, x, gradient, rows.states(x),
                     rows.law_bound(x), trace.iterations, op.products - products,
                     trace.contraction, residuals, moved, trace.refined), error

@@ -4,7 +4,6 @@ import numpy as np
 
 from ..contact.boundary import contact_boundary
 from ..contact.corner_pairs import corner_pairs
-from ..contact.junctions import junctions
 from ..effects import Effects
 from ..feti.numbering import number
 from ..feti.skeleton import Skeleton
@@ -33,6 +32,4 @@ def build(manifest: Manifest, subdomains: list[Subdomain], first: int, comm,
     structure = number(manifest, subdomains, first, skeleton, fixed, contact, comm,
                        effects.frictional, effects.compliance(contact))
     contact.corners = corner_pairs(contact, fixed[0], effects.yields(contact))
-    if not effects.closes:  # forces and distances of surfaces that give way are tied by their law
-        contact.junctions = junctions(contact, fixed[0])
     return structure

@@ -3,9 +3,9 @@
 import numpy as np
 
 from ..contact.states import OPEN, SLIP, ContactField
-from ..feti.gathering import joined
 from ..feti.nodal import NodalFields
 from ..feti.operator import DualOperator
+from ..feti.supports import constrained_keys
 from ..march.cycle_verdict import MOVED, WORN
 from ..march.quasistatic import QuasistaticSolver
 from ..march.step import Step
@@ -181,9 +181,3 @@ class ContactState:
         jump = np.zeros((len(b.gid), 2))
         np.add.at(jump, b.term_node, b.term_value[:, None] * moved[self._term])
         return jump
-
-
-def constrained_keys(structure) -> np.ndarray:
-    """(n,) keys 2 gid + component of the rank's displacements that a support constrains."""
-    return joined((2 * sub.node_gid[sub.dof_node[fixed]] + sub.dof_component[fixed]
-                   for sub, fixed in zip(structure.subdomains, structure.fixed)), np.int64)

@@ -7,10 +7,10 @@ import numpy as np
 from ..errors import agreed_writes
 from ..feti.gathering import joined
 from ..feti.structure import Substructure
+from ..feti.supports import constrained_keys
 from ..files import write_rows
 from ..scene import sides
 from ..scene.manifest import Manifest
-from .contact_state import constrained_keys
 from .tables import BOUNDARY, header
 
 

@@ -16,9 +16,10 @@ import numpy as np
 from ..contact.states import ContactField
 from ..errors import InputError
 from ..feti.operator import DualOperator
+from ..feti.supports import constrained_keys
 from ..march.step import Step
 from ..scene import elements, sides, springs
-from .contact_state import HELD, JOINTS, constrained_keys
+from .contact_state import HELD, JOINTS
 from .places import ON_SIDE, Place, nearest, on_side
 from .shares import label_shares
 from .tables import PROBES

@@ -18,8 +18,9 @@ OWN_FILES = ("scene.idp", "export.idp", "gmsh.idp")  # includes of a scene that 
 OPERATORS = {"and": "&&", "or": "||"}
 # whole numbers alone: what multiplies or divides them before makes another quotient
 WHOLE_QUOTIENT = r"(?<![\w.^*/)\]\s])\s*\b(\d+)\s*/\s*(\d+)(?![\w.])"
-COMPARED = re.compile(r"\b(label|region)\s*[!=]=\s*(\d+)\b(?!\.)|"
-                      r"\b(\d+)\s*[!=]=\s*(label|region)\b")
+# in code without blanks; numbers in sums and products are not judged
+COMPARED = re.compile(r"(?<![-+*/%.\w])(?:(label|region)[!=]=(\d+)(?![-+*/%.\w])|"
+                      r"(\d+)[!=]=(label|region)(?![-+*/%\w]))")
 DECLARATION = r"^(?!macro)(?:func )?\w+(?:\[[^\]]*\])? ([^;\n]*)"  # global: type, declarators
 
 
@@ -270,7 +271,7 @@ def check_compared(scene: Path, manifest: Manifest) -> None:
         declaring |= {word for macro in macros if macro.name in declaring
                       for word in re.findall(r"\w+", grammar.without_texts(macro.content))}
     for macro in macros:
-        for found in COMPARED.finditer(grammar.without_texts(macro.content)):
+        for found in COMPARED.finditer("".join(grammar.without_texts(macro.content).split())):
             name, number = found[1] or found[4], int(found[2] or found[3])
             if macro.name in declaring and number not in there[name]:
                 raise InputError(f"{macro.path.name} line {macro.line}: {macro.name} asks for "

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from driver.contact.junctions import Junction
+from driver.contact.junctions import Junction, junctions
 from driver.march import junction_forces
 
 TIGHT = {"rtol": "1e-11", "friction_rtol": "1e-10"}
@@ -53,18 +53,69 @@ def test_forces_where_two_blocks_and_what_they_stand_on_meet(solved, named_scene
     assert max(runs[0].summary["residuals"].values()) < 1e-5
 
 
+FOUR = """// four blocks that meet in a point on a floor, pressed, then pushed and dragged
+include "scene.idp"
+units("mm", "MPa");
+int[int] s1 = [11, 12, 13, 14], s2 = [21, 22, 23, 24], s3 = [31, 32, 33, 34], s4 = [41, 42, 43, 44];
+addBody(square(4, 3, [4.*(x - 1) - GAP, 3.*y], label = s1))
+addBody(square(4, 4, [4.*x, 3.*y], label = s2))
+addBody(square(3, 3, [4.*(x - 1) - GAP, 3. + 3.*y], label = s3))
+addBody(square(4, 3, [4.*x, 3. + 3.*y], label = s4))
+quasistatic(2.);
+macro stepTimes() [1.] //
+macro young() 1000. //
+macro poisson() 0.3 //
+macro load1() traction(33, 0., -2.) + traction(43, 0., -1.5) //
+macro amplitude1(t) min(1., t) //
+macro load2() traction(14, 0.6, 0.) + traction(22, -0.6, 0.) + traction(34, 0.8, 0.)
+  + traction(42, -0.4, 0.) //
+macro amplitude2(t) max(0., t - 1.) //
+macro contact() 11, 21 //
+macro contactPair() 12, 24, 13, 31, 23, 41PAIR //
+macro friction() 0.5 //
+MORE
+include "export.idp"
+"""
+APART = ", 32, 44"
+
+
+@pytest.mark.parametrize("pair, gap, more, close", [
+    (APART, 0.0, "", 1e-5),
+    (APART, 0.0, "macro normalCompliance() 2000. //", 1e-6),
+    (APART, 0.0, "macro largeSliding() 2. //", 1e-5),
+    (APART, 0.0, "macro wear() 1e-3 //", 1e-4),
+    (APART, 2e-5, "", 1e-2),  # which slide as the gap closes: other solutions are near
+    ("", 0.0, "macro tie() 32, 44 //", 1e-6)])
+@pytest.mark.some(3)
+def test_forces_where_four_blocks_meet(solved, named_scene, pair, gap, more, close):
+    """The same at two cuts, whatever laws the boundaries have; rough ones obey theirs."""
+    text = FOUR.replace("PAIR", pair).replace("GAP", str(gap)).replace("MORE", more)
+    path = named_scene("four", text)
+    tight = {"rtol": "1e-10", "friction_rtol": "1e-9", "primal_rtol": "1e-9"}
+    one, other = (solved(path, steps=6, subdomains=cut, **tight) for cut in (4, 13))
+    assert one.status == other.status == 0
+    largest = np.abs(by_place(one)).max()
+    assert np.abs(by_place(other) - by_place(one)).max() <= close * largest
+    if "normalCompliance" in more:
+        c = one.contact
+        law = 2000 * np.maximum(c["u_n"] - c["gap"], 0)
+        np.testing.assert_allclose(-c["sigma_n"], law, atol=1e-6 * largest)
+
+
 def test_without_bodies_that_meet_there_are_none(built):
     for scene in ("model", "wedge"):
-        assert built(scene).structure.contact.junctions == []
+        contact = built(scene).structure.contact
+        assert junctions(contact, np.zeros(0, int), np.zeros(len(contact.gid), bool)) == []
 
 
-def nearest(force, moved, near, F=0.3, pulls=False):
+def nearest(force, moved, near, F=0.3, wears=False, known=True):
     """Forces of three nodes of which the first two stand on a floor, the third between them."""
     # what the pair presses, the floor takes as friction under both; and its friction as pressure
     free = np.array([[0, 1], [1, 0], [0, -1], [-1, 0], [1, 0], [0, 1.0]]) / np.sqrt(3)
-    return junction_forces._nearest(Junction(np.arange(3), np.arange(6), free), np.array(force),
-                              np.array(moved), np.ones((3, 2)), np.full(3, F), np.zeros(3),
-                              np.full(3, pulls), np.array(near))
+    return junction_forces._nearest(
+        Junction(np.arange(3), np.arange(6), free), np.array(force), np.array(moved),
+        np.full(3, F), np.zeros(3), np.zeros(3, bool), np.full(3, wears), np.array(near),
+        np.full(3, known))
 
 
 def total(force):
@@ -92,9 +143,17 @@ def test_what_slides_and_what_is_open_stay_so():
     found = nearest(force, [[0, -1e-3], [0, 0], [0, 0.0]], np.array(force) + 0.1)
     assert found[0, 1] == pytest.approx(0.3 * found[0, 0], rel=1e-12)
     assert total(found) == pytest.approx(total(force), abs=1e-7)
+    # and keeps its pressure if it wears
+    found = nearest(force, [[0, -1e-3], [0, 0], [0, 0.0]], np.array(force) + 0.1, wears=True)
+    assert found[0] == pytest.approx(force[0], abs=1e-7)
+    # pressed anew, what slides has the friction of it, against its way
+    force[0] = [0.0, 0.0]
+    aim = np.array(force) + [[0.3, 0], [0, 0], [0, 0]]
+    found = nearest(force, [[0, 1e-3], [0, 0], [0, 0.0]], aim)
+    assert found[0, 0] > 0.01 and found[0, 1] == pytest.approx(-0.3 * found[0, 0], rel=1e-6)
     force[2] = [0.0, 0.0]
     found = nearest(force, [[0, 0], [0, 0], [1e-3, 0.0]], np.array(force) + 0.1)
-    np.testing.assert_allclose(found, force, atol=1e-7)
+    assert not found[2].any()
 
 
 def test_forces_that_no_law_bears_are_left():

@@ -458,6 +458,16 @@ def test_numbers_that_no_label_has(said, formula, helper, words):
     assert words in said(("macro friction() F //", f"{helper}macro friction() {formula} //"))
 
 
+@pytest.mark.parametrize("formula", [
+    "(label == 10*k - 9 ? 0.3 : 0.1)", "(10*k - 9 == label ? 0.3 : 0.1)",
+    "(label + 10 == 11 ? 0.3 : 0.1)", "(11 == label + 10 ? 0.3 : 0.1)"])
+def test_numbers_in_sums_are_not_judged(tmp_path, formula):
+    path = tmp_path / "mine.edp"
+    path.write_text(SCENE.replace("macro friction() F //",
+                                  f"int k = 1;\nmacro friction() {formula} //"))
+    assert freefem.export(path, tmp_path / "export", SMALL).steps
+
+
 def test_a_region_beyond_those_of_the_meshes(said):
     """Of two bodies, regions 0 and 1."""
     changes = [(old, new.replace("region = 0", "region = 1").replace("region == 1", "region == 3"))
