@@ -28,7 +28,8 @@ holds for time steps.
 
 mesh      the same run on meshes with elements 2 and 4 times as long, or of the cycles before
           (ADAPT)
-time      on the finer one of these meshes, every second and every fourth time of the load history
+time      on the finer one of these meshes, or on the run's own where that one has too few nodes in
+          contact, every second and every fourth time of the load history
 jumps     on the finer one of these meshes, jumps over cycles of half the length (jumps.py)
 friction  there at every fourth time: FRICTION_RTOL and PRIMAL_RTOL, which makes a step go on,
           against a hundredth of them, both with RTOL/100

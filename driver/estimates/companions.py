@@ -243,14 +243,23 @@ class Companions:
             return self._more_time()
         strides = [1, *coarser_by] if self.effects.frictional else [1, 2]
         strides = [stride for stride in strides if stride <= steps]
-        values = [self._values(self.base, stride) for stride in strides]
+        mesh = self._telling()
+        values = [self._values(mesh, stride) for stride in strides]
         counts = [len(samples(self.manifest, stride)) - 1 for stride in strides]
         ratios = [a / b for a, b in zip(counts, counts[1:])]
         return self._parts("time", list(zip(values, values[1:])), ratios)
 
+    def _telling(self) -> dict:
+        """The mesh on which steps are compared: the run's own where so few nodes touch on the next
+        one that they tell nothing of contact.
+        """
+        level = self.level(self.base, quiet=True) if self.base else None
+        few = level is not None and 0 < level.touch.nodes < caution.fewest(self.manifest.element)
+        return {} if few else self.base
+
     def _more_time(self) -> dict[str, Part]:
         """From runs with more steps: their distance, and what the finest errs by itself."""
-        mesh = {**self.base, "sampling": FINER}
+        mesh = {**self._telling(), "sampling": FINER}
         try:
             self.levels.problem(**mesh)
         except DriverError as problem:

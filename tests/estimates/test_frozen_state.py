@@ -162,6 +162,18 @@ def test_coarser_times_do_not_share_the_first_of_few_steps(
     assert of._time() == expected
 
 
+@pytest.mark.parametrize("base, nodes, mesh", [
+    ({"h": 2.0}, 4, {}), ({"h": 2.0}, 5, {"h": 2.0}), ({"h": 2.0}, 0, {"h": 2.0}), ({}, 4, {}),
+    ({"h": 2.0}, None, {"h": 2.0})])
+def test_steps_are_compared_on_a_mesh_that_knows_of_contact(base, nodes, mesh):
+    """On the run's own where the next one touches in fewer nodes than tell of it."""
+    of = object.__new__(Companions)
+    of.base, of.manifest = base, SimpleNamespace(element="P1")
+    touched = None if nodes is None else SimpleNamespace(touch=SimpleNamespace(nodes=nodes))
+    of.level = lambda *_, **__: touched
+    assert of._telling() == mesh
+
+
 @pytest.mark.parametrize("frictional, history, stride", [
     (True, [0, 1, 0, 1, 0], 1), (True, [0, 1, 2, 3, 4], 2), (False, [0, 1, 0, 1, 0], 2)])
 def test_coarse_meshes_see_the_turns_of_a_history(frictional, history, stride):
