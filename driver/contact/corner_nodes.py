@@ -336,7 +336,7 @@ class CornerNodes:
     def _parts(self, v: int, force: np.ndarray, slip: np.ndarray, rows, least):
         """Pressures and friction forces (2,) each of corner v under the force (2,) it arrives with.
 
-        None where it has not arrived in this step, nor an obstacle moved along it: no slip (2,)
+        None where it has not arrived in this step, nor has an obstacle moved: no slip (2,)
         beyond `least`.
         """
         sign = np.where(np.abs(slip) > least, np.sign(slip), 0.0)

@@ -117,10 +117,15 @@ def _bound(of_vertices: list) -> list[int]:
     """Which vertices have a part in forces that displace nothing; none if rows are independent."""
     rows = [(vertex, row) for vertex, of_nodes in enumerate(of_vertices)
             for of_node in of_nodes for row in of_node]
-    left, size, _ = np.linalg.svd(_matrix([row for _, row in rows]))
-    size = np.append(size, np.zeros(len(rows) - len(size)))
-    part = np.abs(left[:, size <= DEPENDENT]).max(axis=1, initial=0.0)
+    part = np.abs(null_space([row for _, row in rows])).max(axis=1, initial=0.0)
     return sorted({vertex for (vertex, _), share in zip(rows, part) if share > DEPENDENT})
+
+
+def null_space(rows: list[dict[int, float]]) -> np.ndarray:
+    """(rows, m) forces of rows, made of length one, that displace nothing; orthonormal."""
+    left, size, _ = np.linalg.svd(_matrix(rows))
+    size = np.append(size, np.zeros(max(0, len(rows) - len(size))))
+    return left[:, size <= DEPENDENT]
 
 
 def _rank(of_nodes: list[list[dict[int, float]]], least: float) -> int:

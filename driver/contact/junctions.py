@@ -12,12 +12,12 @@ the pressure that its law gives: its normal row takes no part.
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 from .beside import neighbours
-from .corner_pairs import rows_of
+from .corner_pairs import null_space, rows_of
 
 NEAR = 0.3  # of the way to the node beside, within which ends of boundaries lie together
-DEPENDENT = 1e-8  # singular value of rows of length one below which they depend on one another
 
 
 @dataclass
@@ -53,9 +53,10 @@ def junctions(contact, fixed_keys: np.ndarray, yields: np.ndarray) -> list[Junct
                 if row and not (kind == 0 and yields[node]):
                     rows.append(row)
                     of.append(2 * i + kind)
-        free = _null_space(rows) if rows else np.zeros((0, 0))
+        free = null_space(rows) if rows else np.zeros((0, 0))
         if free.shape[1]:
-            found.append(Junction(nodes, np.array(of), free))
+            size = np.array([np.linalg.norm(list(row.values())) for row in rows])
+            found.append(Junction(nodes, np.array(of), free / size[:, None]))
     return found
 
 
@@ -73,16 +74,8 @@ def _together(contact, nodes: np.ndarray) -> list[np.ndarray]:
     reach = NEAR * np.where(near >= 0, np.linalg.norm(contact.xy[near] - contact.xy[nodes],
                                                       axis=1), 0.0)
     away = np.linalg.norm(contact.xy[nodes][:, None] - contact.xy[nodes], axis=2)
-    close = away <= np.minimum(reach[:, None], reach)
-    groups, left = [], set(range(len(nodes)))
-    while left:
-        group, more = set(), {min(left)}
-        while more:
-            group |= more
-            more = set(np.flatnonzero(close[sorted(more)].any(axis=0)).tolist()) - group
-        left -= group
-        groups.append(nodes[sorted(group)])
-    return groups
+    count, group = connected_components(away <= np.minimum(reach[:, None], reach))
+    return [nodes[group == k] for k in range(count)]
 
 
 def _on_same_vertices(contact, nodes: np.ndarray, joined: np.ndarray) -> np.ndarray:
@@ -91,16 +84,3 @@ def _on_same_vertices(contact, nodes: np.ndarray, joined: np.ndarray) -> np.ndar
     gids = contact.term_gid[acts & np.isin(contact.term_node, nodes)]
     on = acts & np.isin(contact.term_gid, gids)
     return np.intersect1d(contact.term_node[on], joined)
-
-
-def _null_space(rows: list[dict[int, float]]) -> np.ndarray:
-    """(rows, m) forces of rows, by coefficients, that displace nothing; orthonormal."""
-    keys = {key: place for place, key in enumerate(sorted(set().union(*rows)))}
-    matrix = np.zeros((len(rows), len(keys)))
-    for number, row in enumerate(rows):
-        matrix[number, [keys[key] for key in row]] = list(row.values())
-    size = np.linalg.norm(matrix, axis=1)
-    left, values, _ = np.linalg.svd(matrix / size[:, None])
-    values = np.append(values, np.zeros(max(0, len(rows) - len(values))))
-    free = left[:, values <= DEPENDENT] / size[:, None]
-    return np.linalg.qr(free)[0]

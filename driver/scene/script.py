@@ -266,16 +266,21 @@ def check_compared(scene: Path, manifest: Manifest) -> None:
                       f"{', '.join(map(str, manifest.labels))}",
              "region": f"no part of the mesh has, whose regions are {regions}"}
     macros = [macro for source in grammar.sources(scene) for macro in grammar.definitions(source)]
-    declaring = rooms.vocabulary()
-    for _ in macros:  # a declaration may call macros, and these others
-        declaring |= {word for macro in macros if macro.name in declaring
-                      for word in re.findall(r"\w+", grammar.without_texts(macro.content))}
     for macro in macros:
         for found in COMPARED.finditer("".join(grammar.without_texts(macro.content).split())):
             name, number = found[1] or found[4], int(found[2] or found[3])
-            if macro.name in declaring and number not in there[name]:
+            if number not in there[name] and macro.name in _declaring(macros):
                 raise InputError(f"{macro.path.name} line {macro.line}: {macro.name} asks for "
                                  f"{name} {number}, which {words[name]}")
+
+
+def _declaring(macros: list) -> frozenset[str]:
+    """Words of declarations, of the macros that they call, and so on."""
+    found = rooms.vocabulary()
+    for _ in macros:
+        found |= {word for macro in macros if macro.name in found
+                  for word in re.findall(r"\w+", grammar.without_texts(macro.content))}
+    return found
 
 
 def check_regions(scene: Path, manifest: Manifest) -> None:
