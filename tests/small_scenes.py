@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
-from scipy.sparse import coo_matrix
+from scipy.sparse import coo_matrix, tril
 
 from driver.feti.operator import DualOperator
-from driver.scene.subdomain import ContactData, Subdomain, row_start
+from driver.scene.subdomain import ContactData, Subdomain
+from driver.scene.symmetric import Symmetric
 from driver.scene.manifest import Manifest
 from driver.options import Settings
 from driver.march.quasistatic import QuasistaticSolver
@@ -100,6 +101,12 @@ def _stiffness(xy, triangles, lam, mu):
     return K.row, K.col, K.data
 
 
+def halved(K) -> Symmetric:
+    """A symmetric matrix, dense or sparse, as subdomains keep theirs."""
+    lower = tril(K).tocsr().tocoo()
+    return Symmetric.of_lower(lower.row, lower.col, lower.data, K.shape[0])
+
+
 def rooms_of(effects: dict) -> dict:
     """The rooms of a manifest with these effects."""
     by_friction = {"none": [], "tresca": ["tresca"], "coulomb": ["friction"],
@@ -186,15 +193,13 @@ class Scene:
         fixed = np.sort(np.concatenate([2 * vertices, 2 * vertices + 1]))
         elasticity = (lam[:, None, None] * np.array([[1.0, 1, 0], [1, 1, 0], [0, 0, 0]])
                       + mu[:, None, None] * np.diag([2.0, 2, 1]))
-        rows, columns, values = _stiffness(xy, triangles, lam, mu)
         return Subdomain(
             index=number, node_gid=gid, xy=xy, elements=triangles,
             region=np.zeros(len(triangles), int),
             edges=edges[:, :2], edge_label=edges[:, 2], elasticity=elasticity, thermal={},
             sigma_zz=lam,
-            dof_node=np.arange(2 * len(gid)) // 2, dof_component=np.arange(2 * len(gid)) % 2,
-            row_start=row_start(rows, 2 * len(gid)), columns=columns,
-            values=values, loads=loads, edge_loads={}, body_loads={}, fixed=fixed,
+            stiffness=Symmetric.of_lower(*_stiffness(xy, triangles, lam, mu), 2 * len(gid)),
+            loads=loads, edge_loads={}, body_loads={}, fixed=fixed,
             fixed_values=np.zeros((len(self.tractions), len(fixed))),
             contact=self._contact_data(outer, xy, gid))
 

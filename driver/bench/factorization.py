@@ -27,9 +27,10 @@ def assembled(structure):
     for sub, fixed in zip(structure.subdomains, structure.fixed):
         number = 2 * sub.node_gid[sub.dof_node] + sub.dof_component
         free[number[fixed]] = False
-        i.append(number[sub.rows])
-        j.append(number[sub.columns])
-        values.append(sub.values)
+        row, column, value = sub.stiffness.entries()
+        i.append(number[row])
+        j.append(number[column])
+        values.append(value)
         for k in range(structure.patterns):
             loads[k] += np.bincount(number, sub.loads[k], minlength=size)
     entries = np.concatenate(values), (np.concatenate(i), np.concatenate(j))

@@ -23,6 +23,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from ..errors import NoSolution
+from ..scene.symmetric import Symmetric
 
 cholmod.options.update(supernodal=2, nmethods=1)  # L L'; the given order and no other
 AT_A_TIME = 256  # rows that are mirrored: without copies of a large triangle
@@ -39,8 +40,8 @@ class Interior:
     supports hold stands for itself there: off the diagonal its row and column are zeros.
     """
 
-    def __init__(self, K, rim: np.ndarray, free: np.ndarray):
-        """`K` is CSR, `rim` (n,) are nodes, `free` (dofs,) marks what no support holds.
+    def __init__(self, K: Symmetric, rim: np.ndarray, free: np.ndarray):
+        """`rim` (n,) are nodes, `free` (dofs,) marks what no support holds.
 
         Dofs 2 k and 2 k + 1 are of node k. Raises NoSolution unless K_ii is positive definite.
         """
@@ -50,13 +51,15 @@ class Interior:
         is_inner[rim] = False
         inner, added = np.flatnonzero(is_inner), np.zeros(len(free))
         added[of_rim] = self.stiffness[of_rim]
-        factor, order = _in_order(K.tobsr((2, 2)), inner, rim, free, added)
+        L, order = _in_order(_Blocks(K), inner, rim, free, added)
         self.inner = 2 * len(inner)  # dofs
         self.place = _places(order, len(free))  # (dofs,) places in L, -1 where there is none
-        L = cholmod.getfactor(factor) if len(order) else spmatrix([], [], [], (0, 0))
-        self.columns = _FirstColumns(L, self.inner)
-        self._schur = mirrored(_product(L, self.inner))
-        self._schur[np.diag_indices_from(self._schur)] -= added[of_rim]
+        schur = _product(L, self.inner)
+        schur[np.diag_indices_from(schur)] -= added[of_rim]
+        self._schur = packed(schur)
+        first = _blocks(L, self.inner)
+        del L, schur  # before the blocks are copied
+        self.columns = _FirstColumns(2 * len(first[0]) - 2, first)
 
     @property
     def size(self) -> int:
@@ -65,8 +68,8 @@ class Interior:
 
     def schur(self, dofs: np.ndarray) -> np.ndarray:
         """S (n, n) on some dofs of the rim. It is handed out once, and not kept."""
-        place, S = self.place[dofs] - self.inner, self._schur
-        self._schur = None
+        place = self.place[dofs] - self.inner
+        S, self._schur = mirrored(unpacked(self._schur)), None
         return S[np.ix_(place, place)]
 
 
@@ -76,10 +79,10 @@ class _FirstColumns:
     Transposed, in blocks of the two dofs of a node: indices take a quarter of the memory.
     """
 
-    def __init__(self, L: spmatrix, inner: int):
-        """The first `inner` columns of L (n, n); 2 k and 2 k + 1 have the same rows below both."""
-        self.size = L.size[0]
-        self._upper = _upper(*_blocks(L, inner)) if self.size else None
+    def __init__(self, size: int, blocks: tuple[np.ndarray, np.ndarray, np.ndarray]):
+        """By the `blocks` of L (size, size) that `_blocks` gives."""
+        self.size = size
+        self._upper = _upper(*blocks) if size else None
 
     def forward(self, right: np.ndarray) -> np.ndarray:
         """L^-1 times rows of `right` (k, n)."""
@@ -116,18 +119,34 @@ def _factorized(lower: spmatrix, added: np.ndarray):
     return factor
 
 
-def _in_order(blocks, inner: np.ndarray, rim: np.ndarray, free: np.ndarray, added: np.ndarray):
-    """CHOLMOD's factor of the stiffness of `inner` nodes and those of the `rim`, which come last.
+class _Blocks:
+    """The stiffness by its blocks of nodes: those below the diagonal, and on it their lower halves.
 
-    And its dofs (n,) in the order of the factor; those of the rim keep theirs. `blocks` are K's
-    blocks of nodes, `free` (dofs,) marks what no support holds, `added` (dofs,) is added to the
+    `row` and `column` (k,) are nodes, `values` (k, 2, 2) the blocks. What stands on the diagonal of
+    K comes last: blocks of a place are to be added.
+    """
+
+    def __init__(self, K: Symmetric):
+        below, self.count = K.below.tobsr((2, 2)), K.shape[0] // 2  # nodes
+        node = np.arange(self.count)
+        self.row = np.append(node.repeat(np.diff(below.indptr)), node)
+        self.column = np.append(below.indices, node)
+        self.values = np.concatenate([below.data, np.zeros((self.count, 2, 2))])
+        self.values[len(below.data) :, [0, 1], [0, 1]] = K.diagonal().reshape(-1, 2)
+
+
+def _in_order(blocks: _Blocks, inner: np.ndarray, rim: np.ndarray, free: np.ndarray,
+              added: np.ndarray) -> tuple[spmatrix, np.ndarray]:
+    """The factor L of the stiffness of `inner` nodes and those of the `rim`, which come last.
+
+    And its dofs (n,) in the order of the factor; those of the rim keep theirs. `free` (dofs,) marks what no support holds, `added` (dofs,) is added to the
     diagonal. Inner nodes mostly hang together: only where they do not, and the factor shows it,
     they are searched.
     """
     nodes = np.concatenate([inner[_fill_reducing(blocks, inner)], rim])
     order = (2 * nodes[:, None] + [0, 1]).ravel()
     if not len(nodes):
-        return None, order
+        return spmatrix([], [], [], (0, 0)), order
     first = 2 * len(inner)
     for roots in (lambda *_: np.arange(len(inner))[-1:], _roots):
         factor = None  # before the next one is made
@@ -136,7 +155,7 @@ def _in_order(blocks, inner: np.ndarray, rim: np.ndarray, free: np.ndarray, adde
         rows = _permutation(factor, len(order))
         if np.array_equal(rows[first:], np.arange(first, len(order))):
             break  # the last rows are where they were
-    return factor, order[rows]
+    return cholmod.getfactor(factor), order[rows]
 
 
 def _permutation(factor, size: int) -> np.ndarray:
@@ -207,6 +226,19 @@ def mirrored(matrix: np.ndarray) -> np.ndarray:
     return matrix
 
 
+def packed(matrix: np.ndarray) -> np.ndarray | None:
+    """The lower triangle (n, n) in LAPACK's rectangular full packed format; None without rows."""
+    return lapack.dtrttf(matrix, uplo="L")[0] if len(matrix) else None
+
+
+def unpacked(packed_: np.ndarray | None) -> np.ndarray:
+    """(n, n) with the lower triangle that was `packed`; what is above it counts for nothing."""
+    if packed_ is None:
+        return np.empty((0, 0))
+    size = int(np.sqrt(2 * len(packed_)))  # of which n (n + 1) / 2 is half
+    return lapack.dtfttr(size, packed_, uplo="L")[0]
+
+
 def _places(order: np.ndarray, size: int) -> np.ndarray:
     """(size,) the place in `order` of every number below `size`, -1 where it has none."""
     place = np.full(size, -1)
@@ -214,30 +246,35 @@ def _places(order: np.ndarray, size: int) -> np.ndarray:
     return place
 
 
-def _fill_reducing(blocks, nodes: np.ndarray) -> np.ndarray:
+def _fill_reducing(blocks: _Blocks, nodes: np.ndarray) -> np.ndarray:
     """Order of `nodes` (n,) that keeps the factor of their part of the stiffness sparse."""
-    row, column, _ = _entries(blocks, nodes)
+    row, column, *_ = _entries(blocks, nodes)
     order = amd.order(spmatrix(1.0, row, column, (len(nodes), len(nodes))))
     return np.array(order).ravel()
 
 
-def _entries(blocks, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows and columns, places in `nodes`, of the lower triangle's blocks, and which they are."""
-    place = _places(nodes, blocks.shape[0] // 2)
-    row, column = place.repeat(np.diff(blocks.indptr)), place[blocks.indices]
-    which = np.flatnonzero((column >= 0) & (row >= column))
-    return row[which], column[which], which
+def _entries(blocks: _Blocks, nodes: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Rows and columns, places in `nodes`, of the blocks of the lower triangle in their order.
+
+    And which `blocks` these are, and whether they are transposed there.
+    """
+    place = _places(nodes, blocks.count)
+    row, column = place[blocks.row], place[blocks.column]
+    which = np.flatnonzero((row >= 0) & (column >= 0))
+    row, column = row[which], column[which]
+    return np.maximum(row, column), np.minimum(row, column), which, row < column
 
 
-def _lower(blocks, nodes: np.ndarray, inner: int, free: np.ndarray, roots) -> spmatrix:
+def _lower(blocks: _Blocks, nodes: np.ndarray, inner: int, free: np.ndarray, roots) -> spmatrix:
     """The lower triangle of the stiffness of `nodes` (n,), in this order, to factorize.
 
     With entries, if only zeros, that keep all nodes after the first `inner` in their places:
     `roots` gives of rows, columns and `inner` the last of every connected part of these. What is
     not `free` (2 n,) is coupled to nothing.
     """
-    row, column, which = _entries(blocks, nodes)
-    values, n = blocks.data[which], len(nodes)
+    row, column, which, turned = _entries(blocks, nodes)
+    values, n = blocks.values[which], len(nodes)
+    values[turned] = values[turned].swapaxes(1, 2)
     if not free.all():
         free = free.reshape(-1, 2)
         coupled = free[row][:, :, None] & free[column][:, None, :]

@@ -15,8 +15,8 @@ that all forces see alike.
 
 import numpy as np
 from mpi4py import MPI
-from scipy.sparse import csr_matrix
 
+from ..scene.symmetric import Symmetric
 from .gathering import gather
 
 LONG = np.longdouble  # 64 bits of mantissa on x86, no less than 53 anywhere
@@ -167,14 +167,14 @@ def _rounded(values: np.ndarray) -> np.ndarray:
     return np.rint(values / unit) * unit
 
 
-def _product(K, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """K u of a scipy CSR matrix and u (dofs, k), as a sum: `HALF` digits more than LONG has.
+def _product(K: Symmetric, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """K u for u (dofs, k), as a sum: `HALF` digits more than LONG has.
 
     What motions without stress leave of large terms has no rounding: products of leading digits add
     up exactly (K. Ozaki, T. Ogita, S. Oishi, S. Rump, Numer. Algor. 59 (2012) 95-118). K is split
     anew each time: kept in extended precision it would be as much again as factors are.
     """
-    leading = csr_matrix((_rounded(K.data[:, None])[:, 0], K.indices, K.indptr), K.shape)
-    rest = csr_matrix((K.data - leading.data, K.indices, K.indptr), K.shape)
+    leading = K.replaced(_rounded(K.values[:, None])[:, 0])
+    rest = K.replaced(K.values - leading.values)
     large = _rounded(u)
     return leading @ large, leading @ (u - large) + rest @ u

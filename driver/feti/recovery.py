@@ -33,7 +33,7 @@ class Recovery:
             return sub.loads
         held = np.zeros_like(sub.loads)
         held[:, fixed] = values
-        return sub.loads - np.array([sub.multiply(u) for u in held])
+        return sub.loads - np.array([sub.stiffness @ u for u in held])
 
     def response(self, weights: np.ndarray,
                  forces: list | None = None) -> tuple[np.ndarray, np.ndarray]:

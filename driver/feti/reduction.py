@@ -11,6 +11,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 
 from ..scene.loader import Subdomain
+from ..scene.symmetric import Symmetric
 from .blocks import BLOCK
 from .cholesky import Interior
 from .exchange import exchange
@@ -36,7 +37,7 @@ class LocalClass:
     members: list[int]
     torn: np.ndarray  # (n_r,) dofs of X^r
     corner: np.ndarray  # (n_c,) dofs of X^c
-    K: np.ndarray  # (dofs, dofs) sparse
+    K: Symmetric  # (dofs, dofs)
     factor: TornFactor  # of K_rr
     B_r: np.ndarray  # (m, n_r) sparse
     B_c: np.ndarray  # (m, n_c) sparse
@@ -89,29 +90,29 @@ def stack(classes: list[LocalClass]) -> None:
         row, corner = c.rows.stop, c.corners.stop
 
 
-def group(structure: Substructure, comm) -> list[tuple[list[int], np.ndarray, bool]]:
+def group(structure: Substructure, comm) -> list[tuple[list[int], Symmetric, bool]]:
     """Classes of subdomains with the same dof sets, rows and (to rounding) stiffness; collective.
 
-    Returns for every class with members on this rank their local indices, the stiffness values of
-    the class's first subdomain, which may live on another rank, and whether it has so many members
+    Returns for every class with members on this rank their local indices, the stiffness of the
+    class's first subdomain, which may live on another rank, and whether it has so many members
     on all ranks together that dense products with many columns pay.
     """
     keys, patterns = [], {}
     for s, sub in enumerate(structure.subdomains):
-        # shared if found equal by the loader
-        same = id(sub.row_start), id(sub.columns), id(sub.values)
-        pattern = patterns.get(same) or patterns.setdefault(same, _pattern(sub))
+        same = id(sub.stiffness)  # shared if found equal by the loader
+        pattern = patterns.get(same) or patterns.setdefault(same, _pattern(sub.stiffness))
         keys.append(_fingerprint(structure, s, pattern))
     open_, classes = list(range(len(keys))), []
     while comm.allreduce(len(open_)):
         mine = {}
         for s in open_:
             mine.setdefault(keys[s], []).append(s)
-        models = {key: structure.subdomains[members[0]].values for key, members in mine.items()}
+        models = {key: structure.subdomains[members[0]].stiffness
+                  for key, members in mine.items()}
         models |= _of_first(comm, models)
         open_, round_ = [], {}
         for key, candidates in mine.items():
-            same = [_same(models[key], structure.subdomains[s].values) for s in candidates]
+            same = [_same(models[key], structure.subdomains[s].stiffness) for s in candidates]
             round_[key] = [s for s, ok in zip(candidates, same) if ok]
             open_ += [s for s, ok in zip(candidates, same) if not ok]
         sizes, _ = _met(comm, round_, [len(members) for members in round_.values()])
@@ -121,21 +122,22 @@ def group(structure: Substructure, comm) -> list[tuple[list[int], np.ndarray, bo
     return sorted(classes, key=lambda pair: pair[0])
 
 
-def _of_first(comm, models: dict[bytes, np.ndarray]) -> dict[bytes, np.ndarray]:
-    """Of those of the rank's `models` (entries,) by key that a lower rank has, that of the first.
+def _of_first(comm, models: dict[bytes, Symmetric]) -> dict[bytes, Symmetric]:
+    """Of those of the rank's `models` by key, which says where their entries are, that a lower rank has, that of the first.
 
     Collective over `comm`.
     """
     if comm.size == 1:
         return {}
-    keys, values = list(models), list(models.values())
+    keys, values = list(models), [model.values for model in models.values()]
     _, others = _met(comm, keys, [1] * len(keys))
     place, to = others.T
     length = np.array([len(values[k]) for k in place], np.int64)
     _, met, length_ = exchange(comm, to, _numbers(keys)[place], length)
     _, entries = exchange(comm, np.repeat(to, length), joined((values[k] for k in place), float))
     parts = np.split(entries, np.cumsum(length_)[:-1])
-    return {key.tobytes()[:DIGEST]: part for key, part in zip(met, parts)}
+    theirs = {key.tobytes()[:DIGEST]: part for key, part in zip(met, parts)}
+    return {key: models[key].replaced(part) for key, part in theirs.items()}
 
 
 def _met(comm, keys, counts: list[int]) -> tuple[np.ndarray, np.ndarray]:
@@ -167,16 +169,17 @@ def _numbers(keys) -> np.ndarray:
     return np.frombuffer(text, np.int64).reshape(-1, 3)
 
 
-def _same(values: np.ndarray, others: np.ndarray) -> bool:
-    """Whether the entries of two stiffness matrices differ by rounding only."""
-    return values is others or bool(np.abs(values - others).max() <= SAME * np.abs(values).max())
+def _same(one: Symmetric, other: Symmetric) -> bool:
+    """Whether two stiffnesses with entries in the same places differ by rounding only."""
+    apart = 0.0 if one is other else np.abs(one.values - other.values).max()
+    return bool(apart <= SAME * np.abs(one.values).max())
 
 
-def _pattern(sub: Subdomain) -> bytes:
-    """Digest that subdomains with equal stiffness share: its sparsity and first digits."""
-    digest = hashlib.sha1(f"{np.linalg.norm(sub.values):.5e}".encode())
-    digest.update(sub.row_start.tobytes())
-    digest.update(sub.columns.tobytes())
+def _pattern(stiffness: Symmetric) -> bytes:
+    """Digest that equal stiffnesses share: where entries are, and their first digits."""
+    digest = hashlib.sha1(f"{np.linalg.norm(stiffness.values):.5e}".encode())
+    digest.update(stiffness.row_start.tobytes())
+    digest.update(stiffness.columns.tobytes())
     return digest.digest()
 
 
@@ -196,9 +199,9 @@ def _fingerprint(structure: Substructure, s: int, pattern: bytes) -> bytes:
     return digest.digest()
 
 
-def reduce_class(structure: Substructure, members: list[int], values: np.ndarray,
+def reduce_class(structure: Substructure, members: list[int], K: Symmetric,
                  shared: bool, ahead: dict[int, Interior]) -> LocalClass:
-    """Factorize K_rr of a class with stiffness `values` and form its explicit F, A and S.
+    """Factorize K_rr of a class with the stiffness K and form its explicit F, A and S.
 
     `ahead` has interiors of subdomains that `interior_of` has eliminated before, by their numbers.
     """
@@ -207,14 +210,13 @@ def reduce_class(structure: Substructure, members: list[int], values: np.ndarray
     is_torn = np.ones(sub.dofs, bool)
     is_torn[structure.fixed[s]] = is_torn[corner] = False
     torn = np.flatnonzero(is_torn)
-    K = sub.stiffness(values)
-    B_r, B_c, K_rc = *_torn_rows(structure, s, torn), K[torn][:, corner]
+    B_r, B_c, K_rc = *_torn_rows(structure, s, torn), K.between(torn, corner)
     touched = np.diff(B_r.tocsc().indptr) > 0
     changes = s in structure.renewed
     if changes:
         touched |= structure.may_move(s)[torn]
     nodes = np.unique(torn[touched] // 2)
-    known = ahead if values is sub.values else {}  # a class's may be those of another rank
+    known = ahead if K is sub.stiffness else {}  # a class's may be those of another rank
     interior = _interior(structure, s, K, np.union1d(nodes, corner // 2), known)
     factor = TornFactor(interior, torn, nodes, BLOCK if shared else 1)
     inverse, coupling, S = factor.reduced(corner)
@@ -229,10 +231,11 @@ def interior_of(sub: Subdomain) -> Interior:
 
     Raises NoSolution if the stiffness is not positive definite there.
     """
-    return Interior(sub.stiffness(sub.values), sub.rim, _free(sub.dofs, sub.fixed))
+    return Interior(sub.stiffness, sub.rim, _free(sub.dofs, sub.fixed))
 
 
-def _interior(structure: Substructure, s: int, K, needed: np.ndarray, ahead: dict) -> Interior:
+def _interior(structure: Substructure, s: int, K: Symmetric, needed: np.ndarray,
+              ahead: dict) -> Interior:
     """The interior of local subdomain s with the stiffness K, the nodes `needed` (n,) in its rim.
 
     By what its own record says of both, unless other subdomains or effects add to it: so the bits

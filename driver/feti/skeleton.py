@@ -295,10 +295,10 @@ class _Pieces:
         self.stiffness = np.ldexp(np.round(mantissa * 2.0**30) / 2.0**30, exponent)
         kinds = {}  # subdomains that share their stiffness are as uneven as one another
         for outline, sub in zip(outlines, subdomains):
-            if id(sub.values) not in kinds:
-                kinds[id(sub.values)] = outline.uneven(sub), outline.bulky(sub)
+            if id(sub.stiffness) not in kinds:
+                kinds[id(sub.stiffness)] = outline.uneven(sub), outline.bulky(sub)
         self.uneven, self.bulky = (
-            joined((kinds[id(sub.values)][k] for sub in subdomains), bool) for k in (0, 1))
+            joined((kinds[id(sub.stiffness)][k] for sub in subdomains), bool) for k in (0, 1))
 
 
 class Outline:

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import lapack, solve_triangular
 
 from ..errors import NoSolution
-from .cholesky import SINGULAR, Interior, mirrored
+from .cholesky import SINGULAR, Interior, mirrored, packed
 
 
 class TornFactor:
@@ -50,7 +50,7 @@ class TornFactor:
         stiffness, added = interior.stiffness[dofs], np.zeros(len(dofs))
         added[n_q:] = stiffness[n_q:]
         L = _factor(interior.schur(dofs), stiffness, added, interior.size)
-        self._packed, self._coupling = _packed(L[:n_q, :n_q]), L[n_q:, :n_q].copy()
+        self._packed, self._coupling = packed(L[:n_q, :n_q]), L[n_q:, :n_q].copy()
         L_tt, L_ct, L_cc = L[n_o:n_q, n_o:n_q], L[n_q:, n_o:n_q], L[n_q:, n_q:]
         schur = L_cc @ L_cc.T - np.diag(added[n_q:])
         return _inverse(L_tt), _backward(L_tt, L_ct.T), (schur + schur.T) / 2
@@ -119,11 +119,6 @@ def _factor(S: np.ndarray, stiffness: np.ndarray, added: np.ndarray, eliminated:
     if failed or not np.all(np.diag(L) ** 2 > least):
         raise NoSolution(f"a subdomain's {SINGULAR}")
     return L
-
-
-def _packed(L: np.ndarray) -> np.ndarray | None:
-    """The lower triangle L (n, n) in the rectangular full packed format; None without rows."""
-    return lapack.dtrttf(L, uplo="L")[0] if len(L) else None
 
 
 def _backward(L: np.ndarray, right: np.ndarray) -> np.ndarray:

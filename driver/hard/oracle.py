@@ -91,12 +91,14 @@ class Assembled:
     """
 
     def __init__(self, manifest, subdomains):
-        from scipy.sparse import coo_matrix
+        from scipy.sparse import coo_matrix, csc_matrix
 
         size, self.subdomains = 2 * manifest.nodes, subdomains
         keys = [2 * sub.node_gid[sub.dof_node] + sub.dof_component for sub in subdomains]
-        self.K = sum(coo_matrix((sub.values, (k[sub.rows], k[sub.columns])),
-                                shape=(size, size)).tocsc() for sub, k in zip(subdomains, keys))
+        self.K = csc_matrix((size, size))
+        for sub, k in zip(subdomains, keys):
+            row, column, value = sub.stiffness.entries()
+            self.K = self.K + coo_matrix((value, (k[row], k[column])), self.K.shape)
         self.loads = np.zeros((len(manifest.patterns), size))
         self.held = np.zeros_like(self.loads)
         used, free = np.zeros(size, bool), np.ones(size, bool)

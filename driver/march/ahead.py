@@ -68,7 +68,7 @@ class Ahead:
         if sub is None:
             return False
         # one like the one before is of its class, and will not need a factor of its own
-        if not any(sub.values is other.values for other in before):
+        if not any(sub.stiffness is other.stiffness for other in before):
             self.interiors[sub.index] = interior_of(sub)
         lap("setup")
         self.seconds = {stage: spent + lap.seconds[stage] for stage, spent in self.seconds.items()}

@@ -8,6 +8,7 @@ scene, did wrong.
 """
 
 import itertools
+import operator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,8 +21,10 @@ from .manifest import Manifest
 from .records import Head, RecordFile
 from .rooms import rooms
 from .seal import SHARED
-from .subdomain import ContactData, Subdomain, row_start
-from .symmetric import Mirrors
+from .subdomain import ContactData, Subdomain
+from .symmetric import Symmetric
+
+EVEN = 1e-14  # relative difference of elasticities that is rounding
 
 
 def read_subdomains(manifest: Manifest, start: int, stop: int, comm,
@@ -111,7 +114,7 @@ def subdomains_of(stack: dict, head: Head, manifest: Manifest, pieces: "Pieces",
         contact = _contacts(stack, head, manifest, place)
     fields = {name: stack["field", name] for name in manifest.fields}
     made = [Subdomain(index=place.first + s, node_gid=gid[s], xy=xy[s],
-                      **_without_rows(piece) | springs.stiffened(piece, _of_record(fields, s)),
+                      **piece | springs.stiffened(piece, _of_record(fields, s)),
                       edge_label=stack["edge_label"][s], thermal=_of_record(suppressed, s),
                       loads=loads[s], edge_loads=_of_record(edge_loads, s),
                       unseen=_of_record(unseen, s),
@@ -133,11 +136,6 @@ def _rim(sub: Subdomain, manifest: Manifest) -> np.ndarray:
     np.maximum.at(most, sub.edges, sub.edge_label[:, None])
     meet = np.flatnonzero(least < most)
     return np.unique(np.concatenate([edges.ravel(), sub.middles(edges), meet]))
-
-
-def _without_rows(piece: dict) -> dict:
-    """What a Subdomain keeps of a piece: the beginnings of rows say all of them."""
-    return {name: values for name, values in piece.items() if name != "rows"}
 
 
 def _is_curved(xy: np.ndarray, nodes: np.ndarray) -> bool:
@@ -175,14 +173,13 @@ def _places(stack: dict) -> np.ndarray:
 class Pieces:
     """What subdomains share: that of shared.bin, and the stiffness read last.
 
-    A piece is a dictionary of those attributes of a Subdomain that do not depend on where it is,
-    and of the `rows` of its stiffness, which checks read.
+    A piece is a dictionary of those attributes of a Subdomain that do not depend on where it is.
     """
 
     def __init__(self, manifest: Manifest):
         self.manifest = manifest
         self.last, self.last_xy = None, None
-        self.stored, self.mirrors = None, Mirrors()
+        self.stored, self.halved = None, (None, None)
         self.shared, self.shared_xy = None, None
 
     def read(self, stack: dict, head: Head, xy: np.ndarray, place: checks.Place) -> list[dict]:
@@ -227,42 +224,36 @@ class Pieces:
         arrays = {name: _kept_once(values, self.stored and self.stored[name])
                   for name, values in arrays.items()}
         self.stored = {name: values[-1] for name, values in arrays.items()}
-        given = [arrays[name] for name in ("rows", "columns", "values")]
+        given = [arrays.pop(name) for name in ("rows", "columns", "values")]
         checks.check_order(*given[:2], place)
-        whole = [self.mirrors.whole(*entries, head.dofs) for entries in zip(*given)]
-        arrays |= dict(zip(("rows", "columns", "values"), zip(*whole)))
-        arrays["row_start"] = self._starts(arrays["rows"], head.dofs)
+        arrays["stiffness"] = self._halves(list(zip(*given)), head.dofs, place)
         arrays |= {"region": stack["region"], **_elasticity(stack, self.manifest)}
-        dof_node, component = np.divmod(np.arange(head.dofs), 2)
-        dofs = {"dof_node": dof_node, "dof_component": component}
-        pieces = [{**_of_record(arrays, s), **dofs} for s in range(len(xy))]
-        self._check_stiffness(pieces, xy, head.entries, place)
+        pieces = [_of_record(arrays, s) for s in range(len(xy))]
+        self._check_stiffness(pieces, xy, place)
         return pieces
 
-    def _starts(self, rows: tuple[np.ndarray], dofs: int) -> list[np.ndarray]:
-        """(dofs + 1,) beginnings of the rows of every record; of equal `rows` the same array."""
-        of, start = (None, None) if self.last is None else (
-            self.last["rows"], self.last["row_start"])
-        starts = []
-        for own in rows:
-            of, start = own, start if own is of else row_start(own, dofs)
-            starts.append(start)
-        return starts
+    def _halves(self, given: list[tuple], dofs: int, place: checks.Place) -> list[Symmetric]:
+        """The stiffness of every record by the entries `given`; equal ones are the same object."""
+        stiffness = []
+        for record, entries in enumerate(given):
+            before, half = self.halved
+            if before is None or any(map(operator.is_not, entries, before)):
+                checks.check_symmetric(*entries, record, len(given), place)
+                half = Symmetric.of_lower(*entries, dofs)
+                self.halved = entries, half
+            stiffness.append(half)
+        return stiffness
 
-    def _check_stiffness(self, pieces: list[dict], xy: np.ndarray, stored: int,
-                         place: checks.Place) -> None:
-        """Symmetry and rigid motions, where stiffness or shape are not those of the one before."""
-        like, like_xy, unlike, moved = self.last, self.last_xy, [], []
+    def _check_stiffness(self, pieces: list[dict], xy: np.ndarray, place: checks.Place) -> None:
+        """Rigid motions, where stiffness or shape are not those of the one before."""
+        like, like_xy, moved = self.last, self.last_xy, []
         for s, piece in enumerate(pieces):
-            known = like is not None and all(piece[name] is like[name]
-                                             for name in ("rows", "columns", "values"))
+            known = like is not None and piece["stiffness"] is like["stiffness"]
             if not (known and checks.same_shape(xy[s : s + 1], like_xy[None])[0]):
                 moved.append(s)
             if not known:
-                unlike.append(s)
                 like, like_xy = piece, xy[s]
         self.last, self.last_xy = like, like_xy
-        checks.check_symmetric(pieces, unlike, stored, place)
         checks.check_rigid_motions(pieces, xy, moved, place, self.manifest.axisymmetric)
 
 
@@ -318,8 +309,19 @@ def _elasticity(stack: dict, manifest: Manifest) -> dict:
         sigma_zz, k = none, 4
     matrix = np.stack(entries, axis=-1).reshape(*c11.shape, k, k)
     if matrix.ndim == 4:
-        return {"elasticity": matrix, "corner_elasticity": none, "sigma_zz": sigma_zz}
-    return {"elasticity": matrix.mean(axis=2), "corner_elasticity": matrix, "sigma_zz": sigma_zz}
+        return {"elasticity": _even(matrix), "corner_elasticity": none, "sigma_zz": sigma_zz}
+    return {"elasticity": _even(matrix.mean(axis=2)), "corner_elasticity": _even(matrix),
+            "sigma_zz": sigma_zz}
+
+
+def _even(laws: np.ndarray) -> list[np.ndarray]:
+    """`laws` (n, n_t, ...) of every record; where all its triangles have one, that is kept once.
+
+    They are means over triangles, which differ by rounding.
+    """
+    return [np.broadcast_to(own[:1].copy(), own.shape)
+            if np.abs(own - own[:1]).max() <= EVEN * np.abs(own[0]).max() else own
+            for own in laws]
 
 
 def _linear(values: np.ndarray, manifest: Manifest) -> np.ndarray:

@@ -150,24 +150,21 @@ def check_order(rows: list[np.ndarray], columns: list[np.ndarray], place: Place)
     place.refuse(bad, "the entries of the stiffness matrix are not in order")
 
 
-def check_symmetric(pieces: list[dict], which: list[int], stored: int, place: Place) -> None:
-    """The stiffness of the pieces `which`, of which `stored` entries were given, is symmetric.
+def check_symmetric(rows: np.ndarray, columns: np.ndarray, values: np.ndarray, record: int,
+                    records: int, place: Place) -> None:
+    """The stiffness of one of so many `records`, by its entries (entries,), is symmetric.
 
-    It has `rows`, `columns` and `values` (entries,) of both triangles; where only one was given
-    there is nothing to compare.
+    Where its lower triangle alone was given there is nothing to compare.
     """
-    bad = np.zeros(len(pieces), bool)
-    for record in which:
-        rows, columns, values = (pieces[record][name] for name in ("rows", "columns", "values"))
-        if len(rows) > stored:
-            continue
-        # short integers are sorted without comparisons
-        keys = columns.astype(np.uint16) if columns.max() < 1 << 16 else columns
-        mirror = np.argsort(keys, kind="stable")
-        # assembled from symmetric element matrices: only the order of additions can differ
-        off = np.abs(values - values[mirror]).max() > 1e-12 * np.abs(values).max()
-        bad[record] = off or (rows != columns[mirror]).any() or (columns != rows[mirror]).any()
-    place.refuse(bad, "the stiffness matrix is not symmetric")
+    if not (columns > rows).any():
+        return
+    # short integers are sorted without comparisons
+    keys = columns.astype(np.uint16) if columns.max() < 1 << 16 else columns
+    mirror = np.argsort(keys, kind="stable")
+    # assembled from symmetric element matrices: only the order of additions can differ
+    off = np.abs(values - values[mirror]).max() > 1e-12 * np.abs(values).max()
+    if off or (rows != columns[mirror]).any() or (columns != rows[mirror]).any():
+        place.refuse(np.arange(records) == record, "the stiffness matrix is not symmetric")
 
 
 def check_rigid_motions(pieces: list[dict], xy: np.ndarray, which: list[int],
@@ -182,7 +179,8 @@ def check_rigid_motions(pieces: list[dict], xy: np.ndarray, which: list[int],
     and sums of assembly and of this check.
     """
     bad_diagonal, resists = np.zeros((2, len(pieces)), bool)
-    together = max(1, ENTRIES // max((len(pieces[record]["rows"]) for record in which), default=1))
+    together = max(1, ENTRIES // max((len(pieces[record]["stiffness"].values) for record in which),
+                                      default=1))
     for start in range(0, len(which), together):
         records = which[start : start + together]
         bad_diagonal[records], resists[records] = _stiff_motions(
@@ -202,16 +200,12 @@ def _stiff_motions(pieces: list[dict], xy: np.ndarray,
     element = np.sqrt(span.prod(axis=1) / len(xy[0]))
     far = np.abs(xy).max(axis=(1, 2)) / np.where(element > 0, element, np.inf)
     rounding = np.repeat(np.maximum(ROUNDING, FEW_DIGITS * far), dofs)
-    rows = _joined([piece["rows"] for piece in pieces])
-    columns = _joined([piece["columns"] for piece in pieces])
-    values = _joined([piece["values"] for piece in pieces])
+    entries = [piece["stiffness"].entries() for piece in pieces]
+    rows, columns, values = map(_joined, zip(*entries))
     if len(pieces) > 1:
-        entries = [len(piece["rows"]) for piece in pieces]
-        start = np.repeat(dofs * np.arange(len(pieces)), entries)
+        start = np.repeat(dofs * np.arange(len(pieces)), [len(own[0]) for own in entries])
         rows, columns = rows + start, columns + start
-    diagonal = np.zeros(len(pieces) * dofs)
-    entry = np.flatnonzero(rows == columns)
-    diagonal[rows[entry]] = values[entry]
+    diagonal = _joined([piece["stiffness"].diagonal() for piece in pieces])
     root, along_y = np.sqrt(np.abs(diagonal)), columns & 1
     size = root[columns]
     # translations along x and y meet the columns of one component each

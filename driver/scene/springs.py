@@ -7,7 +7,6 @@ tractions node by node.
 """
 
 import numpy as np
-from scipy.sparse import coo_matrix
 
 FIELDS = ("spring_xx", "spring_xy", "spring_yy")  # as springs.idp names them
 
@@ -23,12 +22,9 @@ def stiffened(piece: dict, fields: dict[str, np.ndarray]) -> dict:
     node = np.flatnonzero(springs.any(axis=1))
     if not len(node):
         return {}
-    rows = np.concatenate([piece["rows"], (2 * node[:, None] + [0, 0, 1, 1]).ravel()])
-    columns = np.concatenate([piece["columns"], (2 * node[:, None] + [0, 1, 0, 1]).ravel()])
-    values = np.concatenate([piece["values"], springs[node][:, [0, 1, 1, 2]].ravel()])
-    K = coo_matrix((values, (rows, columns)), shape=(2 * len(springs),) * 2).tocsr()
-    K.sort_indices()
-    return {"springs": springs, "row_start": K.indptr, "columns": K.indices, "values": K.data}
+    rows, columns = ((2 * node[:, None] + place).ravel() for place in ([0, 1, 1], [0, 0, 1]))
+    return {"springs": springs,
+            "stiffness": piece["stiffness"].plus(rows, columns, springs[node].ravel())}
 
 
 def forces(sub, u: np.ndarray) -> np.ndarray:

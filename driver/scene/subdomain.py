@@ -3,7 +3,8 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.sparse import csr_matrix
+
+from .symmetric import Symmetric
 
 
 @dataclass
@@ -32,10 +33,8 @@ class Subdomain:
     """One torn subdomain as exported.
 
     Its n_v nodes are the vertices of the mesh and, with quadratic elements, the middles of the
-    edges, straight if not `curved`, and, with P2-mixed, the centroids. `dof_node` and
-    `dof_component` give node and displacement component of every dof; `row_start`, `columns`,
-    `values` are the pure Neumann stiffness, with that of `springs`, both triangles, row after row.
-    Of `thermal`, `edge_loads` and `body_loads` the keys are the patterns that are given as initial
+    edges, straight if not `curved`, and, with P2-mixed, the centroids. Dofs 2 k and 2 k + 1
+    are the displacements of node k. Of `thermal`, `edge_loads` and `body_loads` the keys are the patterns that are given as initial
     stress, on edges and on triangles.
     """
 
@@ -54,11 +53,7 @@ class Subdomain:
     # (n_t,) factor of (e11 + e22) in the out-of-plane stress; None where that is zero, or has a row
     # of its own in Hooke's law
     sigma_zz: np.ndarray | None
-    dof_node: np.ndarray
-    dof_component: np.ndarray
-    row_start: np.ndarray  # (dofs + 1,)
-    columns: np.ndarray
-    values: np.ndarray
+    stiffness: Symmetric  # pure Neumann, with that of `springs`
     loads: np.ndarray  # (patterns, dofs)
     edge_loads: dict[int, np.ndarray]  # (n_e, 2, 2) moments [end, component] against the hats
     body_loads: dict[int, np.ndarray]  # (n_t, 3, 2) moments [vertex, component] likewise
@@ -69,7 +64,7 @@ class Subdomain:
     corner_elasticity: np.ndarray | None = None
     # (n_v,) what declared effects give all nodes
     fields: dict[str, np.ndarray] = field(default_factory=dict)
-    # (n_v, 3) stiffness xx, xy, yy of the nodes' springs, which `values` has too; None without any
+    # (n_v, 3) stiffness xx, xy, yy of the nodes' springs, which `stiffness` has too; None without any
     springs: np.ndarray | None = None
     curved: bool = False  # middles of some sides are off the chord
     cut_alike: bool = False  # a piece of a rectangle whose mesh and stiffness others have, too
@@ -82,12 +77,17 @@ class Subdomain:
     @property
     def dofs(self) -> int:
         """Number of dofs."""
-        return len(self.dof_node)
+        return 2 * len(self.xy)
 
     @property
-    def rows(self) -> np.ndarray:
-        """(entries,) row of every entry of the stiffness, made anew."""
-        return np.repeat(np.arange(self.dofs, dtype=np.int32), np.diff(self.row_start))
+    def dof_node(self) -> np.ndarray:
+        """(dofs,) node of every dof."""
+        return np.arange(self.dofs) // 2
+
+    @property
+    def dof_component(self) -> np.ndarray:
+        """(dofs,) displacement component of every dof."""
+        return np.arange(self.dofs) % 2
 
     @property
     def axisymmetric(self) -> bool:
@@ -123,21 +123,3 @@ class Subdomain:
         keys, first = np.unique(sides, return_index=True)
         side = first[np.searchsorted(keys, np.sort(edges, axis=1) @ [span, 1])]
         return self.elements[:, 3:6].ravel()[side]
-
-    def stiffness(self, values: np.ndarray):
-        """(dofs, dofs) scipy CSR matrix with the entries `values` in the places of the stiffness.
-
-        It shares the arrays.
-        """
-        return csr_matrix((values, self.columns, self.row_start), (self.dofs, self.dofs))
-
-    def multiply(self, u: np.ndarray) -> np.ndarray:
-        """K u for u of shape (dofs,)."""
-        return self.stiffness(self.values) @ u
-
-
-def row_start(rows: np.ndarray, dofs: int) -> np.ndarray:
-    """(dofs + 1,) where the entries of a row begin, of entries sorted by their `rows`."""
-    start = np.zeros(dofs + 1, np.int32)
-    np.cumsum(np.bincount(rows, minlength=dofs), out=start[1:])
-    return start

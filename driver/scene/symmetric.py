@@ -1,56 +1,85 @@
-"""The stiffness of a record, given by its lower triangle, with both triangles.
+"""The stiffness of a subdomain: a symmetric sparse matrix, of which half is kept.
 
-FreeFEM assembles, sorts and writes half of a symmetric matrix in less than half the time. Elements
-whose matrix is a product give it whole: then both halves are compared (record_checks.py).
+FreeFEM assembles, sorts and writes half of a symmetric matrix in less than half the time, and half
+of it is all that products and factors need. Elements whose matrix is a product give it whole: then
+both halves are compared (record_checks.py), and one is dropped.
 """
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
+from scipy.sparse import coo_matrix, csr_matrix
 
 
-class Mirror:
-    """What makes both triangles, sorted by rows, of the sorted entries of the lower one."""
+@dataclass(eq=False)
+class Symmetric:
+    """A symmetric matrix (n, n) with the same entries above the diagonal as below it.
 
-    def __init__(self, rows: np.ndarray, columns: np.ndarray, dofs: int):
-        """`rows` and `columns` (entries,) of the lower triangle of a matrix (dofs, dofs)."""
-        self.given = rows, columns
-        lower = np.bincount(rows, minlength=dofs)
-        above = np.flatnonzero(rows != columns)
-        # short integers are sorted without comparisons
-        keys = columns[above].astype(np.uint16) if dofs <= 1 << 16 else columns[above]
-        above = above[np.argsort(keys, kind="stable")]
-        upper = np.bincount(columns[above], minlength=dofs)
-        # a row holds the entries of the lower triangle, then those of the upper one
-        before = np.cumsum(upper) - upper
-        place = np.arange(len(rows)) + before[rows]
-        mirrored = np.arange(len(above)) + np.cumsum(lower)[columns[above]]
-        self.source = np.empty(len(rows) + len(above), np.int32)
-        self.source[place], self.source[mirrored] = np.arange(len(rows)), above
-        self.rows = np.repeat(np.arange(dofs, dtype=np.int32), lower + upper)
-        self.columns = columns[self.source]
-        self.columns[mirrored] = rows[above]
-
-    def whole(self, values: np.ndarray) -> np.ndarray:
-        """All entries of a matrix whose lower triangle has the entries `values`."""
-        return values[self.source]
-
-
-class Mirrors:
-    """Both triangles of one matrix after the other; what is equal is kept once.
-
-    Arrays that are those of the matrix before, the same objects, have results that are.
+    Those below it stand row after row: `row_start` (n + 1,) and `columns` (entries,) say where.
+    `values` (entries + n,) are theirs, then those of the diagonal.
     """
 
-    def __init__(self):
-        self.mirror, self.last = None, (None, None)
+    row_start: np.ndarray
+    columns: np.ndarray
+    values: np.ndarray
 
-    def whole(self, rows: np.ndarray, columns: np.ndarray, values: np.ndarray,
-              dofs: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Rows, columns and values of both triangles: as they are where both are given."""
-        if (columns > rows).any():
-            return rows, columns, values
-        given = self.mirror.given if self.mirror else (None, None)
-        if rows is not given[0] or columns is not given[1]:
-            self.mirror, self.last = Mirror(rows, columns, dofs), (None, None)
-        if values is not self.last[0]:
-            self.last = values, self.mirror.whole(values)
-        return self.mirror.rows, self.mirror.columns, self.last[1]
+    @classmethod
+    def of_lower(cls, rows: np.ndarray, columns: np.ndarray, values: np.ndarray,
+                 size: int) -> "Symmetric":
+        """By entries of the lower triangle, in the order of rows; what is above it is left out."""
+        below, at = np.flatnonzero(columns < rows), np.flatnonzero(columns == rows)
+        diagonal = np.zeros(size)
+        diagonal[rows[at]] = values[at]
+        start = np.zeros(size + 1, np.int32)
+        np.cumsum(np.bincount(rows[below], minlength=size), out=start[1:])
+        return cls(start, columns[below], np.concatenate([values[below], diagonal]))
+
+    def replaced(self, values: np.ndarray) -> "Symmetric":
+        """The matrix with other `values` in the same places."""
+        return Symmetric(self.row_start, self.columns, values)
+
+    def plus(self, rows: np.ndarray, columns: np.ndarray, values: np.ndarray) -> "Symmetric":
+        """The sum with entries of the lower triangle of another symmetric matrix."""
+        own = self.below.tocoo()
+        at = np.arange(self.shape[0])
+        rows, columns, values = map(np.concatenate, zip(
+            (own.row, own.col, own.data), (at, at, self.diagonal()), (rows, columns, values)))
+        total = coo_matrix((values, (rows, columns)), self.shape).tocsr().tocoo()
+        return Symmetric.of_lower(total.row, total.col, total.data, self.shape[0])
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(n, n)."""
+        return (len(self.row_start) - 1,) * 2
+
+    @cached_property
+    def below(self) -> csr_matrix:
+        """(n, n) what is below the diagonal; it shares the arrays."""
+        entries = self.values[: len(self.columns)]
+        return csr_matrix((entries, self.columns, self.row_start), self.shape)
+
+    def diagonal(self) -> np.ndarray:
+        """(n,) the diagonal."""
+        return self.values[len(self.columns) :]
+
+    def entries(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Rows, columns and values (2 entries + n,) of both triangles, made anew, in no order."""
+        row, at = self.below.tocoo().row, np.arange(self.shape[0], dtype=np.int32)
+        below = self.values[: len(self.columns)]
+        return (np.concatenate([row, self.columns, at]), np.concatenate([self.columns, row, at]),
+                np.concatenate([below, below, self.diagonal()]))
+
+    def toarray(self) -> np.ndarray:
+        """(n, n) dense."""
+        below = self.below.toarray()
+        return below + below.T + np.diag(self.diagonal())
+
+    def between(self, some: np.ndarray, others: np.ndarray) -> csr_matrix:
+        """(n_s, n_o) the entries that couple `some` dofs with `others`, which are none of them."""
+        return self.below[some][:, others] + self.below[others][:, some].T.tocsr()
+
+    def __matmul__(self, x: np.ndarray) -> np.ndarray:
+        """Times x (n,) or (n, k)."""
+        diagonal = self.diagonal() if x.ndim == 1 else self.diagonal()[:, None]
+        return self.below @ x + self.below.T @ x + diagonal * x

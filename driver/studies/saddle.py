@@ -66,9 +66,10 @@ def saddle(structure: Substructure) -> Saddle:
     corners = end + structure.coarse_dofs
     parts = []
     for sub, number, local in zip(structure.subdomains, numbers, structure.rows):
-        row, column = number[sub.rows], number[sub.columns]
-        free = (row >= 0) & (column >= 0)
-        parts.append((row[free], column[free], sub.values[free]))
+        i, j, value = sub.stiffness.entries()
+        i, j = number[i], number[j]
+        free = (i >= 0) & (j >= 0)
+        parts.append((i[free], j[free], value[free]))
         B = constraint_matrix(local, sub.dofs).tocoo()
         value = B.data * local.sign[B.row]
         free = (value != 0) & (number[B.col] >= 0)

@@ -13,6 +13,7 @@ from driver.errors import NoSolution
 from driver.feti import cholesky
 from driver.feti.cholesky import Interior
 from driver.feti.torn_factor import TornFactor
+from small_scenes import halved
 
 ROUNDING = 1e-12
 
@@ -22,7 +23,7 @@ def factor_of(K, dofs, seen, corner, together=1, rim=()):
     free, nodes = np.zeros(K.shape[0], bool), np.unique(dofs[seen] // 2)
     free[dofs] = free[corner] = True
     rim = np.unique(np.concatenate([nodes, corner // 2, np.array(rim, int)]))
-    return TornFactor(Interior(K, rim, free), dofs, nodes, together)
+    return TornFactor(Interior(halved(K), rim, free), dofs, nodes, together)
 
 
 def torn(seed: int):

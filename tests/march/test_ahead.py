@@ -83,7 +83,7 @@ def test_supports_that_neighbours_mark_inside_are_heeded(exported, made):
     inner = np.setdiff1d(np.arange(sub.dofs), np.concatenate([2 * sub.rim, 2 * sub.rim + 1]))
     structure.fixed[s] = np.sort(np.append(structure.fixed[s], inner[5]))
     structure.fixed_values[s] = np.zeros((structure.patterns, len(structure.fixed[s])))
-    c = reduction.reduce_class(structure, [s], sub.values, False, {sub.index: known})
+    c = reduction.reduce_class(structure, [s], sub.stiffness, False, {sub.index: known})
     dense = c.K.toarray()
     wanted = c.B_r @ np.linalg.solve(dense[np.ix_(c.torn, c.torn)], c.B_r.T.toarray())
     assert len(c.torn) == sub.dofs - len(c.corner) - len(structure.fixed[s])

@@ -94,6 +94,9 @@ def same(one, other) -> None:
         assert one.keys() == other.keys()
         for key in one:
             same(one[key], other[key])
+    elif dataclasses.is_dataclass(one):
+        for field in dataclasses.fields(one):
+            same(getattr(one, field.name), getattr(other, field.name))
     elif np.asarray(one).dtype.kind == "f":
         np.testing.assert_allclose(other, one, atol=1e-7 * max(1.0, np.max(np.abs(one), initial=0)))
     elif isinstance(one, np.ndarray):
