@@ -139,9 +139,9 @@ def _in_order(blocks: _Blocks, inner: np.ndarray, rim: np.ndarray, free: np.ndar
               added: np.ndarray) -> tuple[spmatrix, np.ndarray]:
     """The factor L of the stiffness of `inner` nodes and those of the `rim`, which come last.
 
-    And its dofs (n,) in the order of the factor; those of the rim keep theirs. `free` (dofs,) marks what no support holds, `added` (dofs,) is added to the
-    diagonal. Inner nodes mostly hang together: only where they do not, and the factor shows it,
-    they are searched.
+    And its dofs (n,) in the order of the factor; those of the rim keep theirs. `free` (dofs,) marks
+    what no support holds, `added` (dofs,) is added to the diagonal. Inner nodes mostly hang
+    together: only where they do not, and the factor shows it, they are searched.
     """
     nodes = np.concatenate([inner[_fill_reducing(blocks, inner)], rim])
     order = (2 * nodes[:, None] + [0, 1]).ravel()

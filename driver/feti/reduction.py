@@ -123,9 +123,9 @@ def group(structure: Substructure, comm) -> list[tuple[list[int], Symmetric, boo
 
 
 def _of_first(comm, models: dict[bytes, Symmetric]) -> dict[bytes, Symmetric]:
-    """Of those of the rank's `models` by key, which says where their entries are, that a lower rank has, that of the first.
+    """Of those of the rank's `models` by key that a lower rank has, that of the first.
 
-    Collective over `comm`.
+    Those of a key have their entries in the same places. Collective over `comm`.
     """
     if comm.size == 1:
         return {}

@@ -33,9 +33,9 @@ class Subdomain:
     """One torn subdomain as exported.
 
     Its n_v nodes are the vertices of the mesh and, with quadratic elements, the middles of the
-    edges, straight if not `curved`, and, with P2-mixed, the centroids. Dofs 2 k and 2 k + 1
-    are the displacements of node k. Of `thermal`, `edge_loads` and `body_loads` the keys are the patterns that are given as initial
-    stress, on edges and on triangles.
+    edges, straight if not `curved`, and, with P2-mixed, the centroids. Dofs 2 k and 2 k + 1 are the
+    displacements of node k. Of `thermal`, `edge_loads` and `body_loads` the keys are the patterns
+    that are given as initial stress, on edges and on triangles.
     """
 
     index: int
@@ -64,7 +64,7 @@ class Subdomain:
     corner_elasticity: np.ndarray | None = None
     # (n_v,) what declared effects give all nodes
     fields: dict[str, np.ndarray] = field(default_factory=dict)
-    # (n_v, 3) stiffness xx, xy, yy of the nodes' springs, which `stiffness` has too; None without any
+    # (n_v, 3) stiffness xx, xy, yy of the nodes' springs, also in `stiffness`; None without any
     springs: np.ndarray | None = None
     curved: bool = False  # middles of some sides are off the chord
     cut_alike: bool = False  # a piece of a rectangle whose mesh and stiffness others have, too
