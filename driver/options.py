@@ -138,8 +138,8 @@ RUNS = (
     Option("accuracy", SHARE, None, FRONT, (*SINGLE, "effects"),
            "choose mesh, steps and tolerances for this relative error of a quantity of interest",
            "not chosen",
-           excludes=("cells", "h", "steps", "rtol", "friction_rtol", "primal_rtol", "adapt",
-                     "quantity")),
+           excludes=("cells", "h", "remesh", "steps", "rtol", "friction_rtol", "primal_rtol",
+                     "adapt", "quantity")),
     Option("quantity", text("name"), "", Reader.ESTIMATES, SINGLE,
            "quantity of interest whose next digits a run names the price of",
            "the first whose error is known"),
@@ -164,6 +164,9 @@ MESHES = (
            "cells along a subdomain's side; of scenes on rectangles", "the scene's"),
     Option("h", text("length"), None, EXPORT, MESHING,
            "length of an element's side in the scene's unit; of other scenes", "the scene's"),
+    Option("remesh", text("factor"), None, EXPORT, MESHING,
+           "length of elements over that in the scene's own mesh, of which another one is made; of "
+           "scenes that read neither CELLS nor H, and of meshes from files", "1"),
     Option("element", choice("P1", "P2", "P2-mixed"), "P1", EXPORT, MESHING, "linear or quadratic "
            "triangles; P2-mixed: for materials that hardly change their volume"),
     Option("steps", text("n"), None, EXPORT, MESHING,

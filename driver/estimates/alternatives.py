@@ -236,8 +236,6 @@ def price_list(companions, parts: dict, budget: dict, name: str, run: Measured, 
         return head | {"reason": f"the error of the {words} is not known"}
     if name in zero or not values[name]:
         return head | {"reason": f"the {words} is zero but for its error"}
-    if companions.knob is None:
-        return head | {"reason": "no parameter (CELLS, H) sets the mesh size of this scene"}
     try:
         found = _predicted(companions, parts, name, values[name], run, memory, idle, spent)
     except DriverError as problem:  # of a companion; other errors are ours

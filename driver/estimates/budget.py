@@ -212,21 +212,21 @@ def vanishing(values: dict[str, float], errors: dict | None = None) -> set[str]:
 
 # ---- knobs and words -----------------------------------------------------------------------------
 
-def mesh_knob(parameters: dict) -> str | None:
-    """Name of the parameter that sets the mesh size, None for a scene that has none."""
-    return next((name for name in ("cells", "h") if name in parameters), None)
+def mesh_knob(parameters: dict) -> str:
+    """Name of the parameter that sets the mesh size."""
+    return next(name for name in ("cells", "remesh", "h") if name in parameters)
 
 
 def coarser(knob: str, size: float) -> float | None:
     """The mesh size twice as coarse (CELLS: rounded up), None where there is none."""
-    if knob == "h":
-        return 2 * size
-    return (size + 1) // 2 if size > 1 else None
+    if knob == "cells":
+        return (size + 1) // 2 if size > 1 else None
+    return 2 * size
 
 
 def ratio(knob: str, coarse: float, fine: float) -> float:
     """Length of an element at size `coarse` over that at size `fine`."""
-    return coarse / fine if knob == "h" else fine / coarse
+    return fine / coarse if knob == "cells" else coarse / fine
 
 
 def finer(knob: str, size: float, factor: float) -> float:

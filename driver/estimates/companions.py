@@ -67,10 +67,6 @@ class Companions:
 
     def _uniform(self) -> tuple[list[dict], list[float]]:
         """Meshes with elements twice and four times as long, as far as there are such."""
-        if self.knob is None:
-            self.notes.append("no parameter (CELLS, H) sets the mesh size of this scene: "
-                              "no coarser mesh to compare with")
-            return [{}], []
         sizes = [self.manifest.parameters[self.knob]]
         for _ in range(2):
             size = coarser(self.knob, sizes[-1])
@@ -130,12 +126,11 @@ class Companions:
 
     def remedies(self) -> dict[str, str]:
         """For every part the setting that lowers it, as on the command line."""
-        mesh = "a finer mesh"
         if self.levels.cycles:
             mesh = f"ADAPT={len(self.levels.cycles) + 1}"
-        elif self.knob:
+        else:
             size = self.manifest.parameters[self.knob]
-            mesh = name_of(self.knob, size / 2 if self.knob == "h" else 2 * size)
+            mesh = name_of(self.knob, 2 * size if self.knob == "cells" else size / 2)
         return {"mesh": mesh, "time": f"STEPS={2 * self.manifest.steps}",
                 **({"jumps": jumps.remedy(self.settings.cycles, self.jumps)} if self.jumps else {}),
                 "friction": f"FRICTION_RTOL={self.settings.friction_rtol / 10:.0e}",

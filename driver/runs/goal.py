@@ -53,9 +53,6 @@ class Search(Trials):
         """Have the coarsest mesh made; `quadratic` as of `_first`."""
         self.coarsening, self.first, element = self._first(quadratic)
         knob = mesh_knob(self.first.parameters)
-        if knob is None:
-            raise InputError("no parameter (CELLS, H) sets the mesh size of this scene: "
-                             "ACCURACY has nothing to choose")
         self.begin(self.first.parameters[knob], knob, element)
 
     def _first(self, quadratic: bool) -> tuple:
@@ -73,9 +70,8 @@ class Search(Trials):
                 continue
             parameters = problem.manifest.parameters
             knob = mesh_knob(parameters)
-            if knob:  # the same mesh under its own name
-                changes = {knob: parameters[knob], **element}
-                self.levels.problems[tuple(sorted(changes.items()))] = problem
+            changes = {knob: parameters[knob], **element}  # the same mesh under its own name
+            self.levels.problems[tuple(sorted(changes.items()))] = problem
             return factor, problem.manifest, element
 
     # ---- meshes ----------------------------------------------------------------------------------

@@ -15,7 +15,7 @@ from . import rooms
 # flags that mean something to FreeFEM itself, or that `export` sets
 RESERVED = ("export", "sizes", "f", "v", "nw", "ns", "ne", "cd", "log", "wait", "nowait", "glut",
             "fglut", "version")
-OF_LIBRARY = ("subdomains", "steps", "element", "sampling", "coarsening", "counting",
+OF_LIBRARY = ("subdomains", "steps", "element", "remesh", "sampling", "coarsening", "counting",
               "counted")  # which it reads itself
 # names of FreeFEM that the library uses: with another meaning they would spoil its results
 BUILT_IN = frozenset("""

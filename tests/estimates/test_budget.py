@@ -327,7 +327,7 @@ def test_a_finer_mesh_is_one_that_people_would_type(knob, size, factor, expected
 
 @pytest.mark.parametrize("knob, size, cycles, expected", [
     ("h", 0.5, [], "H=0.25"), ("cells", 8, [], "CELLS=16"), ("h", 0.5, [1, 2], "ADAPT=3"),
-    (None, 0, [], "a finer mesh")])
+    ("remesh", 1.0, [], "REMESH=0.5")])
 def test_what_halves_elements_lowers_their_error(knob, size, cycles, expected):
     companions = SimpleNamespace(
         knob=knob, levels=SimpleNamespace(cycles=cycles), jumps=None,

@@ -8,7 +8,7 @@ import pytest
 from driver.errors import InputError, NotConverged
 from driver.estimates import alternatives, budget, energy, soundness
 from driver.estimates.bound import Estimate, _root, coupling
-from driver.estimates.budget import Part
+from driver.estimates.budget import Part, mesh_knob
 from driver.estimates.companions import Companions
 from driver.estimates.levels import Levels
 from driver.options import Settings
@@ -252,10 +252,11 @@ def test_a_run_that_failed_is_not_tried_again():
     ({"h": 1.0}, [{}, {"h": 2.0}, {"h": 4.0}], [2.0, 2.0], ""),
     ({"cells": 8}, [{}, {"cells": 4}, {"cells": 2}], [2.0, 2.0], ""),
     ({"cells": 3}, [{}, {"cells": 2}, {"cells": 1}], [1.5, 2.0], ""),
-    ({"cells": 1}, [{}], [], "no coarser mesh than CELLS=1"), ({}, [{}], [], "no parameter")])
+    ({"remesh": 1.0, "h": 3.0}, [{}, {"remesh": 2.0}, {"remesh": 4.0}], [2.0, 2.0], ""),
+    ({"cells": 1}, [{}], [], "no coarser mesh than CELLS=1")])
 def test_coarser_meshes_as_far_as_there_are_such(sizes, meshes, ratios, note):
     of = companions()
-    of.knob, of.manifest.parameters = next(iter(sizes), None), sizes
+    of.knob, of.manifest.parameters = mesh_knob(sizes), sizes
     of.levels.refines = lambda fine, coarse: True
     assert of._uniform() == (meshes, pytest.approx(ratios))
     assert note in " ".join(of.notes) and bool(note) == bool(of.notes)
@@ -276,25 +277,23 @@ def test_meshes_that_are_refused_end_the_sequence():
 
 # ------------------------------------------------------------------------------ prices
 
-@pytest.mark.parametrize("entry, knob, reason", [
-    ({"value": 1.0, "total": None}, "h", "is not known"),
-    ({"value": 1e-20, "total": 1e-20}, "h", "is zero but for its error"),
-    ({"value": 1.0, "total": 0.1}, None, "no parameter"),
-    ({"value": 1.0, "total": 0.1}, "h", "could not be predicted: too bad")])
-def test_why_there_are_no_prices(monkeypatch, entry, knob, reason):
+@pytest.mark.parametrize("entry, reason", [
+    ({"value": 1.0, "total": None}, "is not known"),
+    ({"value": 1e-20, "total": 1e-20}, "is zero but for its error"),
+    ({"value": 1.0, "total": 0.1}, "could not be predicted: too bad")])
+def test_why_there_are_no_prices(monkeypatch, entry, reason):
     def predicted(*_):
         raise NotConverged("too bad")
 
     monkeypatch.setattr(alternatives, "_predicted", predicted)
-    of = SimpleNamespace(knob=knob)
+    of = SimpleNamespace()
     whole = {"slip": entry, "normal_resultant": {"value": 2.0, "total": 0.1},
              "displacement": {"value": 2.0, "total": 0.1}}
     found = alternatives.price_list(of, {}, whole, "slip", None, 1.0, 1.0)
     assert reason in found["reason"] and found["quantity"] == "slip" and found["lines"] == []
     monkeypatch.setattr(alternatives, "_predicted", lambda *given: list(given[2:4]))
-    of.knob = "h"
     unnamed = alternatives.price_list(of, {}, whole, "", None, 1.0, 1.0)
-    first = "slip" if reason.startswith(("no", "could")) else "normal_resultant"
+    first = "slip" if reason.startswith("could") else "normal_resultant"
     assert unnamed["quantity"] == first and unnamed["lines"] == [first, whole[first]["value"]]
 
 

@@ -415,13 +415,16 @@ def test_mistakes(solved, tmp_path):
                            "has no quantity 'slip'; it has displacement")):
         run = solved("cantilever", **{"accuracy": "1%", **options})
         assert run.status == 2 and said in run.reason and "\n" not in run.reason, run.reason
-    fixed = tmp_path / "fixed.edp"
-    fixed.write_text(
+    fixed, text = tmp_path / "fixed.edp", (
         'include "scene.idp"\nsubdomains("1");\nbody = square(3, 3);\nmacro young() 1. //\n'
-                     'macro poisson() 0.3 //\nmacro support() on(4, u1 = 0., u2 = 0.) //\n'
-                     'macro load1() traction(2, 0., 1.) //\ninclude "export.idp"\n')
+        'macro poisson() 0.3 //\nmacro support() on(4, u1 = 0., u2 = 0.) //\n'
+        'macro load1() traction(2, 0., 1.) //\ninclude "export.idp"\n')
+    fixed.write_text(text.replace("body", "real size = meshSize(1.);\nbody"))
     run = solved(fixed, accuracy="1%")
     assert run.status == 2 and "ACCURACY has nothing to choose" in run.reason
+    fixed.write_text(text)  # such a mesh has no size of its own, and is made anew
+    run = solved(fixed, accuracy="5%,displacement")
+    assert run.status == 0 and run.summary["parameters"]["remesh"] < 1
 
 
 def test_the_screen_tells_what_was_reached(command, tmp_path):

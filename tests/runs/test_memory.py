@@ -15,6 +15,7 @@ import pytest
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import identity
+from small_scenes import halved
 
 from driver.march import checkpoint
 from driver import environment
@@ -140,7 +141,7 @@ def test_a_factorization_that_finds_no_memory_does_not_blame_the_supports(monkey
 
     monkeypatch.setattr(cholesky.cholmod, "numeric", starved)
     with pytest.raises(MemoryError) as problem:
-        cholesky.Interior(identity(4, format="csr"), np.arange(0), np.ones(4, bool))
+        cholesky.Interior(halved(identity(4)), np.arange(0), np.ones(4, bool))
     assert shortage(problem.value) == NO_MEMORY
 
 

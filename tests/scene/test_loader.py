@@ -490,7 +490,7 @@ def test_shared_stiffness_is_that_of_every_piece(sharing, small, read):
     """The same two halves of the block, once with one stiffness and once with two."""
     one, two = (read(directory, reduce=False).subdomains for directory in (sharing, small))
     for sub, other in zip(one, two):
-        for name in ("values", "elements", "elasticity"):
+        for name in ("stiffness", "elements", "elasticity"):
             assert getattr(sub, name) is getattr(one[0], name)
         order = [np.flatnonzero(other.node_gid == gid)[0] for gid in sub.node_gid]
         dof = (2 * np.array(order)[:, None] + [0, 1]).ravel()
@@ -583,9 +583,10 @@ def test_records_are_the_same_read_together_or_one_by_one(exported, monkeypatch)
     monkeypatch.setattr(records, "STACK", 1)
     for sub, other in zip(read_subdomains(manifest, 0, 32, MPI.COMM_SELF), together):
         assert sub.index == other.index and (sub.contact is None) == (other.contact is None)
-        for name in ("node_gid", "xy", "edge_label", "values", "loads", "fixed", "fixed_values"):
+        for name in ("node_gid", "xy", "edge_label", "loads", "fixed", "fixed_values"):
             assert np.array_equal(getattr(sub, name), getattr(other, name))
         assert np.array_equal(sub.edge_loads[0], other.edge_loads[0])
+        assert np.array_equal(sub.stiffness.values, other.stiffness.values)
 
 
 @pytest.mark.parametrize("array, change, said", [

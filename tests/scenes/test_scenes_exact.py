@@ -126,8 +126,9 @@ def test_cantilever_equals_an_assembled_solve(built, steps_of, subdomains):
     problem = built("cantilever", cells=5, subdomains=subdomains)
     fields, n = solve(problem, steps_of), 2 * problem.manifest.nodes
     keys = [2 * s.node_gid[s.dof_node] + s.dof_component for s in problem.subdomains]
-    stiffness = sum(coo_matrix((s.values, (k[s.rows], k[s.columns])), (n, n)).tocsr()
-                    for s, k in zip(problem.subdomains, keys))
+    stiffness = sum(coo_matrix((value, (k[row], k[column])), (n, n)).tocsr()
+                    for (row, column, value), k in zip(
+                        (s.stiffness.entries() for s in problem.subdomains), keys))
     load, u = np.zeros(n), np.zeros(n)
     free = np.ones(n, bool)
     for s, k in zip(problem.subdomains, keys):

@@ -162,15 +162,14 @@ def of_any(scene: str, out: Path) -> Case:
     """The case of a scene that is not in the table: by its own mesh size and steps.
 
     References have three and six times the steps, of which some end wherever histories turn at a
-    half, a third or a quarter. Raises InputError if there is no such scene or no parameter (CELLS,
-    H) sets its mesh size.
+    half, a third or a quarter. Raises InputError if there is no such scene or it cannot be solved.
     """
     freefem.find_scene(scene)
     summary = summary_of(Case(scene, (), ()), {"errors": "no"}, out)
-    given, steps = summary.get("parameters", {}), summary.get("steps", 1)
+    if not summary:
+        raise InputError(f"{scene}: it cannot be solved on its own mesh")
+    given, steps = summary["parameters"], summary.get("steps", 1)
     knob = mesh_knob(given)
-    if knob is None:
-        raise InputError(f"{scene}: no parameter (CELLS, H) sets the mesh size of this scene")
     coarse = coarser(knob, given[knob]) or given[knob]
     fine = [finer(knob, given[knob], factor) for factor in (2, 3)]  # linear ones err too long
     references = [{knob: size, "element": "P2", **({"steps": more * steps} if steps > 1 else {})}

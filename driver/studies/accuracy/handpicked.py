@@ -94,7 +94,8 @@ def _picks(case: Case, out: Path) -> list[Pick]:
     steps = STEPS if "steps" in base else (1,)
     for element, more in product(MESHES, steps):
         for fineness in MESHES[element]:
-            size = base[knob] / fineness if knob == "h" else max(1, round(base[knob] * fineness))
+            size = (max(1, round(base[knob] * fineness)) if knob == "cells"
+                    else base[knob] / fineness)
             settings = {knob: size, **({} if element == "P1" else {"element": element}),
                         **({"steps": max(1, round(more * base["steps"]))} if "steps" in base
                            else {})}

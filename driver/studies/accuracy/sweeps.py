@@ -82,21 +82,19 @@ class Study:
         self.steps = manifest.steps if manifest.quasistatic else None
         self.unknowns = 2 * manifest.nodes  # every vertex but those of interfaces counts once
         self.meshes = self._meshes()
-        self.base = Setting(self.meshes[-2:][0] if self.meshes else None, self.steps)
-        self.start = self.meshes[-3:][0] if self.meshes else None  # of adaptive refinement
+        self.base = Setting(self.meshes[-2:][0], self.steps)
+        self.start = self.meshes[-3:][0]  # of adaptive refinement
         # of quadratic elements: with as many unknowns as linear ones have on the next finer mesh
         self.coarser = self.meshes[:-1] if self.element == "P1" else []
 
     def _meshes(self) -> list[float]:
         """Sizes of the uniform meshes, coarse to fine, each half the one before."""
-        if self.mesh_name is None:
-            return []
         finer = math.floor(math.log2(max(self.effort.unknowns / self.unknowns, 1e-9)) / 2)
         halvings = range(finer - self.effort.meshes + 1, finer + 1)
         size = self.parameters[self.mesh_name]
-        if self.mesh_name == "h":
-            return [size * 2.0**-k for k in halvings]
-        return sorted({max(1, round(size * 2.0**k)) for k in halvings})  # a number of cells
+        if self.mesh_name == "cells":
+            return sorted({max(1, round(size * 2.0**k)) for k in halvings})
+        return [size * 2.0**-k for k in halvings]
 
     def _trial(self, sweep: str, value: float, **changes) -> Trial:
         """A trial of a sweep with the base's setting but for `changes`."""
@@ -108,9 +106,9 @@ class Study:
     def plan(self) -> list[Trial]:
         """All trials but the reference's."""
         effort, trials = self.effort, []
-        size = {mesh: mesh if self.mesh_name == "h" else 1 / mesh for mesh in self.meshes}
+        size = {mesh: 1 / mesh if self.mesh_name == "cells" else mesh for mesh in self.meshes}
         steps = [max(1, round(f * self.steps)) for f in effort.steps] if self.steps else [None]
-        cycles = (1, 2) if self.meshes else ()
+        cycles = (1, 2)
         trials += [self._trial("mesh", size[mesh], mesh=mesh) for mesh in self.meshes]
         trials += [self._trial("quadratic", size[mesh], mesh=mesh, element="P2")
                    for mesh in self.coarser]
@@ -134,9 +132,8 @@ class Study:
     def reference_runs(self) -> dict[str, Trial]:
         """Trials of the reference: fine and less fine in space, in time."""
         trials = {"base": self._trial("base", 0)}
-        if self.meshes:
-            for name, cycles in (("coarser", 1), ("finer", 2), ("finest", 3)):
-                trials[name] = self._trial("reference", 0, mesh=self.start, adapt=cycles)
+        for name, cycles in (("coarser", 1), ("finer", 2), ("finest", 3)):
+            trials[name] = self._trial("reference", 0, mesh=self.start, adapt=cycles)
         if self.steps and self.rubbing:
             for name, factor in (("fewer", 0.5), ("more", 1), ("most", 2)):
                 steps = round(factor * self.effort.steps[-1] * self.steps)

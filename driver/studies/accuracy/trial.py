@@ -14,17 +14,15 @@ TIGHT = {"mesh": "finest", "quadratic": "finest", "adapt": "finest", "steps": "m
 class Setting:
     """Numerics of a run; None: the scene does not have this option."""
 
-    mesh: float | None
+    mesh: float
     steps: int | None
     adapt: int = 0
     tolerances: tuple = ()  # pairs of name and value
     element: str = ""  # that of the study where empty
 
-    def options(self, mesh_name: str | None) -> dict[str, str]:
+    def options(self, mesh_name: str) -> dict[str, str]:
         """As on the command line; `mesh_name` is the parameter of the mesh size."""
-        given = {}
-        if self.mesh is not None:
-            given[mesh_name] = f"{self.mesh:.6g}"
+        given = {mesh_name: f"{self.mesh:.6g}"}
         if self.element:
             given["element"] = self.element
         if self.steps is not None:

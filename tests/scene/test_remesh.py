@@ -1,0 +1,121 @@
+"""REMESH: meshes without a size of their own, made anew with larger and smaller elements."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from driver.errors import InputError
+from driver.scene import freefem
+from driver.scene.elements import areas
+
+# a plate with a hole, a core of another region and a foot of label 5; edges are counted by hand
+PLATE = """include "scene.idp"
+border bottom(t = 0, 4) { x = t; y = 0; label = (t > 1 && t < 3) ? 5 : 1; }
+border right(t = 0, 3) { x = 4; y = t; label = 2; }
+border top(t = 4, 0) { x = t; y = 3; label = 3; }
+border left(t = 3, 0) { x = 0; y = t; label = 4; }
+border hole(t = 0, 2*pi) { x = 1.2 + 0.5*cos(t); y = 1.8 + 0.5*sin(t); label = 6; }
+border core(t = 0, 2*pi) { x = 2.9 + 0.6*cos(t); y = 1.8 + 0.6*sin(t); label = 70; }
+body = buildmesh(bottom(16) + right(12) + top(16) + left(12) + hole(-20) + core(24));
+int inside = body(2.9, 1.8).region;
+macro young() (region == inside ? 2e5 : 7e4) //
+macro poisson() 0.3 //
+macro displacement1() on(3, u1 = 0., u2 = -0.001) //
+macro contact() 5 //
+macro friction() 0.3 //
+include "export.idp"
+"""
+FILE = """include "scene.idp"
+include "gmsh.idp"
+body = gmshBody("half.msh", meshSize(1.));
+macro young() (region == 2 ? 2e5 : 7e4) //
+macro poisson() 0.3 //
+macro displacement1() on(12, u1 = 0., u2 = -0.001) //
+macro contact() 11 //
+macro gap() y //
+include "export.idp"
+"""
+
+
+@pytest.fixture
+def from_file(scene, exported):
+    """A scene whose mesh comes from a .msh: that which gmsh made for a scene with a .geo."""
+    path = scene(FILE)
+    shutil.copy(exported("hertz-bodies", h=0.02) / "body-0.raw", path.parent / "half.msh")
+    return path
+
+
+def body(problem) -> dict:
+    """Numbers of triangles, area by region, and length by label, of the whole body."""
+    found = {"triangles": 0}
+    for sub in problem.subdomains:
+        found["triangles"] += len(sub.triangles)
+        area = areas(sub.xy[sub.triangles])
+        for region in np.unique(sub.region):
+            found["region", region] = found.get(("region", region), 0.0) + area[
+                sub.region == region].sum()
+        length = np.linalg.norm(np.diff(sub.xy[sub.edges], axis=1)[:, 0], axis=1)
+        for label in np.unique(sub.edge_label):
+            found["label", label] = found.get(("label", label), 0.0) + length[
+                sub.edge_label == label].sum()
+    # interfaces, and lines between regions, are no boundaries: where cut they count twice
+    inner = ("label", 10000), ("label", 70)
+    return {key: size for key, size in found.items() if key not in inner}
+
+
+@pytest.mark.parametrize("factor, cut", [(2, 1), (0.5, 3), (0.3, 7)])
+def test_elements_are_so_many_times_as_long(scene, built, factor, cut):
+    """A triangle's area goes with the square, to the quarter of a length that adaptmesh may be off
+    where sizes change; outline, labels and regions stay, but for what a
+    polygon of n sides lacks of a circle: pi^2 / (6 n^2) of its length, four times that of the area.
+    """
+    path = scene(PLATE)
+    own, made = (body(built(path, subdomains=cut, remesh=each, reduce=False))
+                 for each in (1, factor))
+    assert 0.75**2 < made["triangles"] * factor**2 / own["triangles"] < 1.25**2
+    assert made.keys() == own.keys() and len(own) == 1 + 2 + 6
+    circle = 4 * np.pi**2 / 6 / (20 / max(factor, 1)) ** 2
+    for key in own.keys() - {"triangles"}:
+        straight = key[0] == "label" and key[1] < 6
+        assert made[key] == pytest.approx(own[key], rel=1e-12 if straight else circle)
+
+
+def test_the_scene_s_own_mesh_is_left_as_it_is(scene, built):
+    """By default, and by its factor of one."""
+    path = scene(PLATE)
+    one, other = built(path, reduce=False), built(path, remesh=1, reduce=False)
+    assert all(np.array_equal(a.xy, b.xy) for a, b in zip(one.subdomains, other.subdomains))
+    assert one.manifest.parameters["remesh"] == 1
+
+
+@pytest.mark.parametrize("text, change, options, said", [
+    (PLATE, (), {"remesh": "0"}, "REMESH expects a positive factor"),
+    (PLATE, (), {"remesh": "fine"}, "REMESH expects a number"),
+    (PLATE, (), {"remesh": "1e-4"}, "more than the 2e7"),
+    (PLATE, (), {"h": "0.1"}, "H does not set the size of this scene's mesh, which does not call "
+     "meshSize.*REMESH=0.5"),
+    (PLATE, ("top(16)", "top(3/meshSize(0.2))"), {"remesh": "2"}, "this scene has H"),
+    ('include "scene.idp"\nrectangle(0., 1., 0., 1.);\nmacro young() 1. //\nmacro poisson() 0. //\n'
+     'macro contact() 1 //\nmacro displacement1() on(3, u1 = 0., u2 = -0.1) //\n'
+     'include "export.idp"\n', (), {"remesh": "2"}, "this scene has CELLS")])
+def test_what_has_no_meaning_is_refused(scene, tmp_path, text, change, options, said):
+    path = scene(text, *([change] if change else []))
+    with pytest.raises(InputError, match=said):
+        freefem.export(path, tmp_path / "export", options)
+
+
+def test_h_changes_no_mesh_of_a_file(from_file, tmp_path):
+    """What changes it is said."""
+    with pytest.raises(InputError, match="which is read from a file: REMESH=0.5"):
+        freefem.export(from_file, tmp_path / "export", {"h": "0.5"})
+
+
+def test_meshes_without_a_size_have_errors_and_prices(scene, solved):
+    """By runs on meshes with elements twice and four times as long."""
+    run = solved(scene(PLATE), ERRORS="yes")
+    errors = run.summary["errors"]
+    entry = errors["quantities"]["normal_resultant"]
+    finer = solved(scene(PLATE), REMESH=0.2).summary["quantities"]["normal_resultant"]
+    assert abs(entry["value"] - finer) < entry["total"] < 0.2 * finer
+    assert "REMESH=0.5" in errors["advice"] and errors["prices"]["lines"]
