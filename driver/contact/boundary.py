@@ -19,7 +19,7 @@ from .chains import chains
 from .nodes import contact_table, merge_parts
 
 NODAL = ("gid", "label", "chain", "xy", "arc", "weight", "length", "normal", "gap", "family",
-         "middle", "normal_row", "tangential_row")  # members of ContactBoundary, arrays (n_c, ...)
+         "middle", "guided", "normal_row", "tangential_row")  # members of ContactBoundary, arrays (n_c, ...)
 RUBBING = "friction", "tresca", "cohesion"  # columns of which one gives a node friction
 TERMS = ("term_node", "term_gid", "term_value", "term_other")
 
@@ -84,6 +84,7 @@ class ContactBoundary:
     term_gid: np.ndarray
     term_value: np.ndarray
     term_other: np.ndarray  # the term belongs to the other body
+    guided: np.ndarray  # supports leave it one direction to move in, from what it meets
     normal_row: np.ndarray
     tangential_row: np.ndarray
     edges: np.ndarray  # (e, 2), on rigid obstacles
@@ -261,13 +262,14 @@ class FoundNodes:
         rubs = np.zeros(n, bool)
         for name in nodes.columns.keys() & set(RUBBING):
             rubs |= nodes.columns[name] != 0
+        guided = np.isin(nodes.gid, fixed[0] // 2)
         twin = np.zeros(n, bool)
         twin[paired] = count[vertex] > 1
         for k, pairs in enumerate(nodes.meeting):
             here = np.flatnonzero(nodes.family == k + 1)
-            weight[here], length[here], normal[here], more, (node, *term) = sides.couple(
-                pairs, nodes.gid[here], nodes.normal[here], twin[here], rubs[here],
-                following and following.reach)
+            weight[here], length[here], normal[here], more, guided[here], (node, *term) = (
+                sides.couple(pairs, nodes.gid[here], nodes.normal[here], twin[here], rubs[here],
+                             following and following.reach))
             gap[here] += more
             if motion is not None:
                 motion.gap[:, here] = gap[here]
@@ -298,7 +300,7 @@ class FoundNodes:
                                    weight, length, normal)),
             {name: of[order] for name, of in nodes.columns.items()}, gap[order],
             nodes.family[order], nodes.meeting, self.middles[order], *terms,
-            none, none.copy(),
+            guided[order], none, none.copy(),
             position[along.edges[~paired[along.edges].any(axis=1)]], clamped,
             about=sides and sides.about, axisymmetric=self.axisymmetric,
             motion=motion and motion.of(order), following=following,

@@ -3,9 +3,14 @@
 A row of the first boundary's node acts on the displacements of both sides. Where a support holds
 its own side in the row's direction it would act on the other body alone and nearly repeat the next
 rows. So the node has none, and the next node's multiplier takes its part over (mortar.py). That is
-so wherever the other body can move there; where it cannot, as on a line of symmetry of both, a row
-would act on nothing. Without a next node the other body would pass through the boundary: then that
-one is to carry the contact nodes.
+so wherever the other body can move there. Without a next node the other body would pass through the
+boundary: then that one is to carry the contact nodes.
+
+Where supports hold both bodies in a component, as on a line of symmetry of both, the node is guided:
+all that it can move by from what it meets is along the other one. A slanted normal and its tangent
+are two rows for one displacement then, and on meshes that do not match a tangential row hangs on the
+small part of the multiplier that acts on the other body's next node. Such a node carries pressure
+and no friction, like one on a rigid obstacle.
 """
 
 import numpy as np
@@ -18,24 +23,32 @@ SOME = 1e-6  # of what a place meets; what is less is the rounding of its coordi
 
 
 def yielding(first, second, gids: tuple, fixed_keys: np.ndarray, normal: np.ndarray,
-             rubs: np.ndarray, able: np.ndarray, reach: float | None) -> np.ndarray:
+             rubs: np.ndarray, able: np.ndarray,
+             reach: float | None) -> tuple[np.ndarray, np.ndarray]:
     """(n,) nodes of the side `first` that are held in a direction in which `second` can move.
 
-    That is along the `normal` (n, 2) or, of nodes that rub, (n,), along the tangent. `gids` are
-    those of the nodes of both sides; `able` and `reach` as of mortar.couple.
+    That is along the `normal` (n, 2) or, of nodes that rub, (n,), along the tangent. And (n,) those
+    that are guided: held in a component in which what they meet is held as well. `gids` are those
+    of the nodes of both sides; `able` and `reach` as of mortar.couple.
     """
     own, others = gids
-    tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
-    held = [(normal, ~free_along(own, normal, fixed_keys)),
-            (tangent, rubs & ~free_along(own, tangent, fixed_keys))]
-    found = np.zeros(len(own), bool)
-    if not any(stands.any() for _, stands in held):
-        return found
+    found, guided = np.zeros((2, len(own)), bool)
+    if not np.isin(own, fixed_keys // 2).any():
+        return found, guided
     node, of, value = mortar.met_at_nodes(first, second, able, reach)
-    for direction, stands in held:
-        moves = free_along(others[of], direction[node], fixed_keys) & (np.abs(value) > SOME)
-        found |= stands & (np.bincount(node, moves, len(own)) > 0)
-    return found
+    node, of = (column[np.abs(value) > SOME] for column in (node, of))
+
+    def meets(which: np.ndarray) -> np.ndarray:
+        return np.bincount(node, which, len(own)) > 0
+
+    tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
+    for direction, asked in ((normal, True), (tangent, rubs)):
+        stands = asked & ~free_along(own, direction, fixed_keys)
+        found |= stands & meets(free_along(others[of], direction[node], fixed_keys))
+    for component in (0, 1):
+        held, theirs = (np.isin(2 * gid + component, fixed_keys) for gid in (own, others))
+        guided |= held & meets(theirs[of]) & ~meets(~theirs[of])
+    return found, guided
 
 
 def check_passed_on(first, labels: np.ndarray, lost: np.ndarray, held: np.ndarray, pairs: list,

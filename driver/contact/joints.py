@@ -278,5 +278,6 @@ def appended(boundary, parts: list[dict]):
         boundary, **joined, joined=more, normal_row=none, tangential_row=none.copy(),
         family=np.append(boundary.family, np.full(more, family)),
         middle=np.append(boundary.middle, np.zeros(more, bool)),
+        guided=np.append(boundary.guided, np.zeros(more, bool)),
         covered=None if boundary.covered is None else np.append(boundary.covered, np.ones(more))
     ).renewed(boundary.columns, boundary.gap, boundary.motion)

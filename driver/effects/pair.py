@@ -65,7 +65,7 @@ class PairSides:
 
     def couple(self, pairs: list[tuple[int, int]], nodes: np.ndarray, facing: np.ndarray,
                corner: np.ndarray, rubs: np.ndarray, reach: float | None = None):
-        """Weight, length (n,), normal (n, 2), gap (n,), terms (node, gid, value, other body).
+        """Weight, length (n,), normal (n, 2), gap, guided (n,), terms (node, gid, value, other body).
 
         The contact `nodes` (n,), by gids, face as `facing` (n, 2): two at a corner are a condition
         each, the first boundary's normals and multipliers being those of one of its flanks. At a
@@ -97,8 +97,9 @@ class PairSides:
         normal = first.nodal_normals() if reach is None else self.at_first[labels]
         rubbing = np.zeros(len(gids), bool)
         rubbing[places] = rubs
-        lost = ~tip & yielding(first, second, (gids, others), self.fixed[0], normal, rubbing, able,
-                               reach)
+        lost, guided = yielding(first, second, (gids, others), self.fixed[0], normal, rubbing, able,
+                                reach)
+        lost &= ~tip
         held = held_nodes(gids, self.fixed[0]) | tip | lost
         both = np.isin(self.fixed[0] // 2, others).any()
         check_passed_on(first, one, lost, held, pairs, both)
@@ -118,7 +119,8 @@ class PairSides:
             jump = pair.value * (pair.normal[pair.node] * u).sum(axis=1)
             gap = gap + np.bincount(pair.node, jump, minlength=len(gap))
         terms = position[pair.node], node_gid, pair.value, pair.side == 1
-        return pair.weight[places], pair.length[places], pair.normal[places], gap[places], terms
+        return (pair.weight[places], pair.length[places], pair.normal[places], gap[places],
+                guided[places], terms)
 
     def _side(self, labels: tuple[int, ...], nodes: np.ndarray = np.zeros(0, int),
               facing: np.ndarray = np.zeros((0, 2)), moved: bool = True):

@@ -110,12 +110,12 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm, friction
 def _slides(contact, fixed_keys) -> np.ndarray:
     """True for the contact nodes that can slide along the boundary while they touch.
 
-    A node on a rigid obstacle with one component held has one displacement: where the obstacle
-    stops it, it stands. Its friction would be a second force along that displacement, and only the
-    sum of the two is determined: all of it is taken for contact's.
+    A guided node, with one component held on a rigid obstacle or on a line of symmetry of two
+    bodies, has one displacement: where what it meets stops it, it stands. Its friction would be a
+    second force along that displacement, and only the sum of the two is determined: all of it is
+    taken for contact's.
     """
-    held = np.isin(2 * contact.gid, fixed_keys) | np.isin(2 * contact.gid + 1, fixed_keys)
-    stands = held & ~contact.paired & free_along(contact.gid, contact.normal, fixed_keys)
+    stands = contact.guided & free_along(contact.gid, contact.normal, fixed_keys)
     return free_along(contact.gid, contact.tangent, fixed_keys) & ~stands & ~contact.is_joint
 
 

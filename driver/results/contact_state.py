@@ -71,7 +71,7 @@ class ContactState:
         self._time = 0.0
         # what the cycle at hand began with, of a history that is repeated
         self._begun: dict[str, np.ndarray] = {}
-        self.constrained = self._constrained()
+        self.constrained = self._constrained(self.boundary.gid)
         following, structure = self.boundary.following, operator.structure
         self._gids = (np.unique(self.boundary.term_gid) if following is None else following.gids)
         self._nodal = NodalFields(structure, self._gids, operator.comm)
@@ -86,14 +86,36 @@ class ContactState:
         """Take over the present contact boundary."""
         self.boundary = self.operator.structure.contact.declared
         self._term = np.searchsorted(self._gids, self.boundary.term_gid)
+        self._value = self._of_terms()
         # (patterns, n_c, 2) displacements, between bodies jumps, by the travel of the patterns
         self._travel = np.zeros((self.operator.structure.patterns, len(self.boundary.gid), 2))
         for k, moved in self._travelled.items():
             self._travel[k] = self._jump(moved)
 
-    def _constrained(self) -> np.ndarray:
-        """(n_c, 2): displacement components of the contact nodes that a support constrains."""
-        keys = 2 * self.boundary.gid[:, None] + [0, 1]
+    def _of_terms(self) -> np.ndarray:
+        """(terms, 2) values of the terms of the jump by displacement components.
+
+        What a node slides by that supports hold along the boundary, together with what it meets, is
+        what they move each by. A multiplier of the node acts on free nodes beside it as well, which
+        are at other places.
+        """
+        b = self.boundary
+        value, guided = np.tile(b.term_value, (2, 1)).T, b.paired & b.guided
+        guided &= held_along(b, self.constrained)
+        if not guided.any():
+            return value
+        along, held = np.abs(b.tangent).argmax(axis=1), self._constrained(b.term_gid)
+        met = np.flatnonzero(guided[b.term_node] & b.term_other)
+        node, component = b.term_node[met], along[b.term_node[met]]
+        kept = np.where(held[met, component], b.term_value[met], 0.0)
+        whole, part = (np.bincount(node, values, len(b.gid)) for values in (b.term_value[met], kept))
+        scale = np.divide(whole, part, out=np.zeros_like(whole), where=part != 0)
+        value[met, component] = kept * scale[node]
+        return value
+
+    def _constrained(self, gids: np.ndarray) -> np.ndarray:
+        """(n, 2): displacement components of vertices (n,) that a support constrains."""
+        keys = 2 * gids[:, None] + [0, 1]
         own = np.isin(keys, constrained_keys(self.operator.structure))
         return np.any(self.operator.comm.allgather(own), axis=0)
 
@@ -179,5 +201,5 @@ class ContactState:
         """
         b = self.boundary
         jump = np.zeros((len(b.gid), 2))
-        np.add.at(jump, b.term_node, b.term_value[:, None] * moved[self._term])
+        np.add.at(jump, b.term_node, self._value * moved[self._term])
         return jump

@@ -94,7 +94,7 @@ def test_an_edge_without_contact_nodes_is_refused():
         chains(nodes, skeleton)
 
 
-def boundary(fixed=((), np.zeros((0, 1))), motion=None) -> ContactBoundary:
+def boundary(fixed=(np.empty(0, int), np.zeros((0, 1))), motion=None) -> ContactBoundary:
     """Rigid contact of these nodes, with keys 2 gid + component of what supports fix."""
     nodes, skeleton = found()
     whole = FoundNodes(nodes, chains(nodes, skeleton), fixed, np.zeros(len(nodes.gid), bool), False)
@@ -145,10 +145,10 @@ def test_nodes_that_face_nothing_yet_have_rows_of_their_own():
     covered, none = np.arange(len(here)) % 2 == 0, np.zeros(len(here))
     whole = nodes.weight[here]
     sides = SimpleNamespace(about=None, couple=lambda pairs, gid, normal, twin, rubs, reach: (
-        np.where(covered, 0.5 * whole, 0.0), nodes.length[here], normal, none,
+        np.where(covered, 0.5 * whole, 0.0), nodes.length[here], normal, none, none > 0,
         (np.flatnonzero(covered), np.full(covered.sum(), 77), np.full(covered.sum(), -1.0),
          np.ones(covered.sum(), bool))))
-    made = FoundNodes(nodes, chains(nodes, skeleton), ((), np.zeros((0, 1))),
+    made = FoundNodes(nodes, chains(nodes, skeleton), (np.empty(0, int), np.zeros((0, 1))),
                       np.zeros(len(nodes.gid), bool), False)
     follows = made.boundary(nodes.columns["gap"].copy(), None, sides,
                             SimpleNamespace(reach=1.0))
@@ -246,7 +246,7 @@ class Faced:
         faces = np.arange(len(gid)) % 2 == 0
         weight = np.where(faces, self.nodes.weight[self.here], 0.0)
         node = np.flatnonzero(faces)
-        return weight, self.nodes.length[self.here], normal, np.full(len(gid), 2.0), (
+        return weight, self.nodes.length[self.here], normal, np.full(len(gid), 2.0), ~faces & faces, (
             node, gid[node], np.ones(len(node)), np.zeros(len(node), bool))
 
 

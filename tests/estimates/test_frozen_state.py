@@ -219,7 +219,7 @@ def test_what_lowers_each_part_is_said():
     of.settings, of.jumps = Settings(rtol=1e-6, friction_rtol=1e-4), None
     of.levels = SimpleNamespace(cycles=())
     for knob, size, words in (("h", 0.5, "H=0.25"), ("cells", 6, "CELLS=12"),
-                              (None, 0, "a finer mesh")):
+                              ("remesh", 1.0, "REMESH=0.5")):
         of.knob, of.manifest = knob, SimpleNamespace(steps=5, parameters={knob: size})
         assert of.remedies() == {"mesh": words, "time": "STEPS=10", "friction":
                                  "FRICTION_RTOL=1e-05", "solver": "RTOL=1e-07"}

@@ -38,6 +38,7 @@ def made(rng, worn=False) -> ContactState:
     of.solver = SimpleNamespace(initial=rng.random(n), initial_weights=np.array([0.5, 0.0]),
                                 cycles=None)
     of._travel, of._term, of._nodal = rng.random((2, n, 2)), np.arange(k), lambda moved: moved
+    of._value = np.tile(b.term_value, (2, 1)).T
     of._weights, of._time, of._before = None, 0.0, None
     of.worn = np.zeros(n) if worn else None
     of.constrained, of._held = np.zeros((n, 2), bool), np.zeros(n)
