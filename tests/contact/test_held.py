@@ -178,8 +178,8 @@ def test_a_line_of_symmetry_of_both_bodies_has_no_friction(scene, solved, elemen
     for name in ("sigma_n", "sigma_t", "u_t", "slip"):
         found, wanted = half[name][:, one], whole[name][:, other]
         # steps end where residuals are 1e-6 of forces and deformations; of a bent boundary the
-        # normal on the line is that of one side, turned by half the angle of 0.016 between two
-        off = 1e-5 if order.startswith("31") else 0.008
+        # normal on the line is that of one side, and its tractions are turned by some 0.016
+        off = 1e-5 if order.startswith("31") else 0.02
         assert np.abs(found - wanted).max() <= off * np.abs(wanted).max(), name
 
 
