@@ -18,8 +18,9 @@ from ..feti.supports import held_nodes
 from .chains import chains
 from .nodes import contact_table, merge_parts
 
+# members of ContactBoundary, arrays (n_c, ...)
 NODAL = ("gid", "label", "chain", "xy", "arc", "weight", "length", "normal", "gap", "family",
-         "middle", "guided", "normal_row", "tangential_row")  # members of ContactBoundary, arrays (n_c, ...)
+         "middle", "guided", "normal_row", "tangential_row")
 RUBBING = "friction", "tresca", "cohesion"  # columns of which one gives a node friction
 TERMS = ("term_node", "term_gid", "term_value", "term_other")
 

@@ -6,11 +6,11 @@ rows. So the node has none, and the next node's multiplier takes its part over (
 so wherever the other body can move there. Without a next node the other body would pass through the
 boundary: then that one is to carry the contact nodes.
 
-Where supports hold both bodies in a component, as on a line of symmetry of both, the node is guided:
-all that it can move by from what it meets is along the other one. A slanted normal and its tangent
-are two rows for one displacement then, and on meshes that do not match a tangential row hangs on the
-small part of the multiplier that acts on the other body's next node. Such a node carries pressure
-and no friction, like one on a rigid obstacle.
+Where supports hold both bodies in a component, as on a line of symmetry of both, the node is
+guided: all that it can move by from what it meets is along the other one. A slanted normal and its
+tangent are two rows for one displacement then, and on meshes that do not match a tangential row
+hangs on the small part of the multiplier that acts on the other body's next node. Such a node
+carries pressure and no friction, like one on a rigid obstacle.
 """
 
 import numpy as np

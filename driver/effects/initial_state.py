@@ -6,7 +6,7 @@ from . import Effect, RunFacts, entry
 
 
 class Room(Effect):
-    """Nodal columns: the components of u_0 at the contact nodes, between two bodies of their jump."""
+    """Nodal columns: the components of u_0 at the contact nodes, between bodies of their jump."""
 
     def initial_displacement(self, contact) -> np.ndarray:
         """(n_c,) u_0 . t."""

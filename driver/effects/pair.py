@@ -65,7 +65,7 @@ class PairSides:
 
     def couple(self, pairs: list[tuple[int, int]], nodes: np.ndarray, facing: np.ndarray,
                corner: np.ndarray, rubs: np.ndarray, reach: float | None = None):
-        """Weight, length (n,), normal (n, 2), gap, guided (n,), terms (node, gid, value, other body).
+        """Weight, length (n,), normal (n, 2), gap, guided (n,) and terms (node, gid, value, other).
 
         The contact `nodes` (n,), by gids, face as `facing` (n, 2): two at a corner are a condition
         each, the first boundary's normals and multipliers being those of one of its flanks. At a

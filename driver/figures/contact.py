@@ -22,12 +22,28 @@ def pale(colour: str) -> tuple:
 
 def shade_zones(axes, rows: dict, factor: float) -> None:
     """Tint the background by the status of the nodes' dual segments."""
-    ends = segment_ends(rows["arc"], rows["length"]) * factor
-    status = rows["status"]
-    jumps = np.flatnonzero(status[1:] != status[:-1]) + 1
-    for left, right in zip([0, *jumps], [*jumps, len(status)]):
-        axes.axvspan(ends[left], ends[right], color=pale(STATUS[status[left]]), lw=0, zorder=0)
-    axes.set_xlim(ends[0], ends[-1])
+    limits, apart = [], breaks(rows)
+    for first in rows["arc"][apart]:  # a gap in the tint also where arcs go on
+        axes.axvline(first * factor, color="white", lw=4, zorder=0.5)
+    for part in np.split(np.arange(len(rows["arc"])), apart):
+        ends, status = segment_ends(rows["arc"][part], rows["length"][part]) * factor, (
+            rows["status"][part])
+        jumps = np.flatnonzero(status[1:] != status[:-1]) + 1
+        for left, right in zip([0, *jumps], [*jumps, len(status)]):
+            axes.axvspan(ends[left], ends[right], color=pale(STATUS[status[left]]), lw=0, zorder=0)
+        limits += [ends[0], ends[-1]]
+    axes.set_xlim(min(limits), max(limits))
+
+
+def breaks(rows: dict) -> np.ndarray:
+    """Places in the `rows` of a boundary's nodes at which another part begins that does not meet
+    the one before.
+
+    Nodes that share an edge are no farther apart than their dual segments are long.
+    """
+    length = rows["length"]
+    away = np.maximum(np.diff(rows["arc"]), np.hypot(np.diff(rows["x"]), np.diff(rows["y"])))
+    return np.flatnonzero(away > 1.01 * (length[:-1] + length[1:])) + 1
 
 
 def zone_handles(run: Run, status: np.ndarray, tint) -> list:
@@ -104,12 +120,8 @@ def contact_panels(figure: Figure, run: Run, caption: str, panels: tuple) -> Non
 
 
 def in_parts(rows: dict) -> dict:
-    """Rows with NaN, which curves leave out, between parts of a boundary that do not meet.
-
-    Nodes that share an edge are no farther apart than their dual segments are long.
-    """
-    length = rows["length"]
-    gaps = np.flatnonzero(np.diff(rows["arc"]) > 1.01 * (length[:-1] + length[1:])) + 1
+    """Rows with NaN, which curves leave out, between parts of a boundary that do not meet."""
+    gaps = breaks(rows)
 
     def parted(values: np.ndarray) -> np.ndarray:
         return np.insert(values, gaps, np.nan if values.dtype == float else values[gaps])
@@ -189,11 +201,13 @@ def contact_status(figure: Figure, run: Run) -> None:
         if not run.friction:
             status = np.where(status == "open", "open", "slip")
         codes = np.array([list(STATUS).index(s) for s in status]).reshape(len(times), nodes)
-        ends = segment_ends(rows["arc"][:nodes], rows["length"][:nodes]) * arc.factor
-        axes.pcolormesh(ends, np.concatenate([[0.0], times]), codes, vmin=0, vmax=2,
-                        cmap=ListedColormap(list(STATUS.values())),
-                        rasterized=nodes * len(times) > 5000, linewidth=0.3,
-                        edgecolors="white" if max(nodes, len(times)) <= 60 else "none")
+        one = {name: rows[name][:nodes] for name in ("arc", "length", "x", "y")}
+        for part in np.split(np.arange(nodes), breaks(one)):
+            ends = segment_ends(one["arc"][part], one["length"][part]) * arc.factor
+            axes.pcolormesh(ends, np.concatenate([[0.0], times]), codes[:, part], vmin=0, vmax=2,
+                            cmap=ListedColormap(list(STATUS.values())),
+                            rasterized=nodes * len(times) > 5000, linewidth=0.3,
+                            edgecolors="white" if max(nodes, len(times)) <= 60 else "none")
         axes.set(xlabel=rf"arc length along $\Gamma_c$ [{arc.label}]", ylabel="time $t$")
         seen.append(status)
     run_header(figure, run, r"Contact status on $\Gamma_c$ over time",

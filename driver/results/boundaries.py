@@ -43,6 +43,8 @@ def _one_boundary(boundary, states: dict[str, np.ndarray], label: int, share: np
     """
     own = np.flatnonzero(share)
     nodes = {name: getattr(boundary, name)[own] for name in NODES}
+    # between two pieces of one label lie nodes of others
+    nodes["chain"] = nodes["chain"] * len(own) + np.cumsum(np.diff(own, prepend=own[:1]) > 1)
     nodes["weight"] = weight = nodes["weight"] * share[own]
     nodes["length"] = nodes["length"] * share[own]
     states, pieces = {name: column[:, own] for name, column in states.items()}, chains(nodes)

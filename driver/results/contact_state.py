@@ -108,7 +108,8 @@ class ContactState:
         met = np.flatnonzero(guided[b.term_node] & b.term_other)
         node, component = b.term_node[met], along[b.term_node[met]]
         kept = np.where(held[met, component], b.term_value[met], 0.0)
-        whole, part = (np.bincount(node, values, len(b.gid)) for values in (b.term_value[met], kept))
+        whole, part = (np.bincount(node, values, len(b.gid))
+                       for values in (b.term_value[met], kept))
         scale = np.divide(whole, part, out=np.zeros_like(whole), where=part != 0)
         value[met, component] = kept * scale[node]
         return value

@@ -246,8 +246,9 @@ class Faced:
         faces = np.arange(len(gid)) % 2 == 0
         weight = np.where(faces, self.nodes.weight[self.here], 0.0)
         node = np.flatnonzero(faces)
-        return weight, self.nodes.length[self.here], normal, np.full(len(gid), 2.0), ~faces & faces, (
-            node, gid[node], np.ones(len(node)), np.zeros(len(node), bool))
+        none = np.zeros(len(gid), bool)
+        return weight, self.nodes.length[self.here], normal, np.full(len(gid), 2.0), none, (
+            node, gid[node], np.ones(len(node)), none[node])
 
 
 @pytest.fixture(name="follower")

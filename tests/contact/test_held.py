@@ -134,7 +134,7 @@ def scene_of(named_scene):
     return get
 
 
-# half of a rounded punch on a block, supported on the line of symmetry of both, or the whole of them
+# half of a rounded punch on a block, held on the line of symmetry of both, or the whole of them
 SYMMETRIC = """include "scene.idp"
 real mirror = physical("mirror", 0.);
 int[int] above = [17, 2, 9, 1], below = [8, 2, 31, 7];

@@ -982,3 +982,10 @@ def test_parts_of_a_boundary_that_do_not_meet_are_no_curve():
     assert parts["status"].tolist()[4:] == ["open", "open", "slip"]
     whole = {name: values[:3] for name, values in rows.items() if name != "theory"} | {"theory": {}}
     assert contact.in_parts(whole)["arc"].tolist() == [0.0, 1.0, 2.0]
+
+
+def test_parts_of_a_boundary_that_do_not_meet_are_apart():
+    """By arcs, where another label lies between them, or by places, where arcs go on."""
+    rows = {"arc": np.array([0.0, 1, 2, 2, 3, 9, 10]), "length": np.array([0.5, 1, 0.5] * 2 + [0.5]),
+            "x": np.array([0.0, 1, 2, 7, 8, 14, 15]), "y": np.zeros(7)}
+    assert contact.breaks(rows).tolist() == [3, 5]

@@ -169,3 +169,27 @@ def test_the_screen_has_a_line_a_boundary_and_units_of_engineers(tenon):
     assert [line.split()[0] for line in lines] == ["9", "21"]
     assert "force x [N/mm]" in head and "dissipated [J/m]" in head
     assert screen.boundaries([], tenon.summary["units"]) == []
+
+
+PIECES = """include "scene.idp"
+border b1(s = 0, 10) { x = s; y = 0; label = 5; }
+border b2(s = 10, 30) { x = s; y = 0; label = 1; }
+border b3(s = 30, 40) { x = s; y = 0; label = 5; }
+border r(s = 0, 20) { x = 40; y = s; label = 2; }
+border t(s = 40, 0) { x = s; y = 20; label = 3; }
+border l(s = 20, 0) { x = 0; y = s; label = 4; }
+body = buildmesh(b1(4) + b2(6) + b3(4) + r(5) + t(8) + l(5));
+macro young() 210e3 //
+macro poisson() 0.3 //
+macro contact() 1, 5 //
+macro support() on(3, u1 = 0., u2 = 0.) //
+macro gap() -0.01 //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_a_label_on_both_sides_of_another_one_has_its_own_length(scene, solved, element):
+    """What lies between its pieces is the other one's."""
+    run = solved(scene(PIECES), ELEMENT=element)
+    assert columns(run)["contact_length"][-1] == pytest.approx([20, 20], rel=1e-9)
