@@ -271,7 +271,7 @@ class Validity:
             depth = np.linalg.norm(end[i] - start[i]) / size[body[i]]
             self._note_depth(step, np.array([i]), np.array([k]), np.array([depth]), pairs, start)
         if len(self.boundary.gid):
-            gap = self.boundary.start.at(step.time).gap
+            gap = self.boundary.start.declared.at(step.time).gap
             k = int(gap.argmin())
             whole = size[self.body[self.boundary.gid[k]]]
             self.note("gap", -gap[k] / whole, self.boundary.xy[k], step.index)

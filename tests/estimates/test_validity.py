@@ -314,6 +314,25 @@ def test_a_gap_of_the_wrong_unit_is_said(verdict):
     assert entry["verdict"] == "invalid" and status == 0
 
 
+TREAD = HEAD + '''rectangle(0., 20., 0., 10.);
+quasistatic(1.);
+macro young() 50. //
+macro poisson() 0.4 //
+macro contact() 1 //
+macro obstacle(x, y) (y + 0.05*(1. - cos(pi*x/10.))) //
+macro largeSliding() 30. //
+macro periodic() 2, 4 //
+macro displacement1() on(3, u1 = 0., u2 = -0.2) //
+include "export.idp"
+'''
+
+
+def test_rows_of_joints_beside_contact_that_follows_are_no_nodes(verdict):
+    """Their gap of zero had been taken for the least of a contact node beyond the last one."""
+    entry, warnings, _ = verdict(TREAD, steps=2, cells=4)
+    assert entry["verdict"] == "ok" and not any("not checked" in line for line in warnings)
+
+
 def test_a_hook_past_a_ramp_leaves_the_obstacle_that_it_met(verdict):
     """Pushed by 3 mm round a radius of 2 mm: linear contact has no idea of the ramp any more."""
     entry, warnings, status = verdict(HOOK)

@@ -973,6 +973,7 @@ def test_parts_of_a_boundary_that_do_not_meet_are_no_curve():
     """
     rows = {"arc": np.array([0.0, 1.0, 2.0, 2.0, 7.0, 7.5]),
             "length": np.array([0.5, 1.0, 0.5, 0.25, 0.25, 0.25]),
+            "x": np.array([0.0, 1.0, 2.0, 2.0, 7.0, 7.5]), "y": np.zeros(6),
             "status": np.array(["open", "slip", "slip", "open", "open", "slip"]),
             "u_n": np.arange(6.0),
             "theory": {"sigma_n": ("exact", np.arange(6.0))}}
@@ -986,6 +987,7 @@ def test_parts_of_a_boundary_that_do_not_meet_are_no_curve():
 
 def test_parts_of_a_boundary_that_do_not_meet_are_apart():
     """By arcs, where another label lies between them, or by places, where arcs go on."""
-    rows = {"arc": np.array([0.0, 1, 2, 2, 3, 9, 10]), "length": np.array([0.5, 1, 0.5] * 2 + [0.5]),
+    rows = {"arc": np.array([0.0, 1, 2, 2, 3, 9, 10]),
+            "length": np.array([0.5, 1, 0.5, 0.5, 1, 0.5, 0.5]),
             "x": np.array([0.0, 1, 2, 7, 8, 14, 15]), "y": np.zeros(7)}
     assert contact.breaks(rows).tolist() == [3, 5]
