@@ -319,10 +319,10 @@ quasistatic(1.);
 macro young() 50. //
 macro poisson() 0.4 //
 macro contact() 1 //
-macro obstacle(x, y) (y + 0.05*(1. - cos(pi*x/10.))) //
+macro obstacle(x, y) (y + 0.1 + 0.05*(1. - cos(pi*x/10.))) //
 macro largeSliding() 30. //
 macro periodic() 2, 4 //
-macro displacement1() on(3, u1 = 0., u2 = -0.2) //
+macro displacement1() on(3, u1 = 0., u2 = -0.3) //
 include "export.idp"
 '''
 
