@@ -11,6 +11,7 @@ A rigid motion counts as one more load pattern with the factor alpha.
 
 import numpy as np
 
+from .gathering import largest
 from .reduction import LocalClass
 from .rows import RowKind
 from .structure import Substructure
@@ -19,12 +20,56 @@ from .vectors import DualVectors
 # displacement of a row under a motion of norm one at the corners, up to which it is rounding: as of
 # a disc that turns in its hole
 STILL = 1e-9
+OUT_OF_ROUND = 1e-2  # part of a motion that rows feel of bodies that turn together on polygons
 SOFTNESS = 10.0  # of the springs: rho in units of (number of corner dofs) / (stiffness of one)
 
 
-def displacement(structure: Substructure, classes: list[LocalClass], vectors: DualVectors,
-                 k: int) -> np.ndarray:
-    """(owned,) d = B u of the k-th rigid motion; gluing rows do not move. Collective."""
+def displacements(structure: Substructure, classes: list[LocalClass], vectors: DualVectors,
+                  comm) -> list[np.ndarray]:
+    """(owned,) d = B u of every rigid motion; gluing rows do not move. Collective.
+
+    Nothing resists what all bodies move by together, if they meet but one another. Polygons that
+    are not quite round would, and the friction of nodes that are apart: rows do not feel it.
+    """
+    motions = [_displacement(structure, classes, vectors, k)
+               for k in range(len(structure.rigid_modes))]
+    together = _together(structure) if motions and structure.contact.paired.all() else None
+    if together is None or not together.size:
+        return motions
+    columns, turn = np.array(motions).T, _of_bodies(structure)
+    opens = structure.row_kind != RowKind.TANGENTIAL
+    largest_of = [largest(comm, np.abs(moved[opens]).max(axis=0, initial=0.0))
+                  for moved in (columns, columns @ together)]
+    # periodic boundaries resist that bodies turn
+    together = together[:, largest_of[1] < OUT_OF_ROUND * largest_of[0].max()]
+    if together.size:
+        weighted = turn.T @ turn @ together
+        columns = columns - columns @ together @ np.linalg.solve(together.T @ weighted, weighted.T)
+    return list(np.ascontiguousarray(columns.T))
+
+
+def _of_bodies(structure: Substructure) -> np.ndarray:
+    """(3 bodies, modes) the rigid modes as in Bodies.rigid."""
+    bodies = structure.travel.bodies
+    return np.array([bodies.coefficients(mode) for mode in structure.rigid_modes]).T
+
+
+def _together(structure: Substructure) -> np.ndarray:
+    """(modes, c) combinations of rigid modes by which all bodies move as one."""
+    turn, bodies = _of_bodies(structure), structure.travel.bodies
+    away = bodies.center - bodies.center.mean(axis=0)
+    one = np.zeros((len(away), 3, 3))
+    one[:, 0, 0] = one[:, 1, 1] = 1.0
+    one[:, 0, 2], one[:, 1, 2], one[:, 2, 2] = -away[:, 1], away[:, 0], bodies.size
+    one = (one * bodies.possible[:, None]).reshape(-1, 3)[:, bodies.possible > 0]
+    together = np.linalg.lstsq(turn, one, rcond=None)[0]
+    missed = np.abs(turn @ together - one).max(axis=0)
+    return together[:, missed < STILL * np.abs(one).max(axis=0)]
+
+
+def _displacement(structure: Substructure, classes: list[LocalClass], vectors: DualVectors,
+                  k: int) -> np.ndarray:
+    """As `displacements`, of the k-th rigid motion by itself. Collective."""
     mode, local = structure.rigid_modes[k], np.zeros(len(vectors.sign))
     for c in classes:
         moved = local[c.rows].reshape(len(c.members), -1)

@@ -63,8 +63,7 @@ class DualOperator(DualProblem):
         self._refinement = self._finest = None  # made where they are first needed
         self.acting = [s for s, sub in enumerate(structure.subdomains)
                        if sub.loads.any() or len(structure.fixed[s]) or sub.springs is not None]
-        self.motions = [free_motions.displacement(structure, self.classes, self.vectors, k)
-                        for k in range(self.modes)]
+        self.motions = free_motions.displacements(structure, self.classes, self.vectors, comm)
         self._motion_columns = np.array(self.motions).reshape(self.modes, self.owned).T
         self._contact = (structure.row_kind != RowKind.GLUING).astype(float)
         self.rho = self.coarse.rho = free_motions.spring_compliances(self.classes, self.vectors,
@@ -132,9 +131,9 @@ class DualOperator(DualProblem):
         if contact.paired.any():  # other subdomains may be met
             self._lay_out()
         patterns = structure.patterns
-        for k in range(self.modes):
-            self.motions[k] = free_motions.displacement(structure, self.classes, self.vectors, k)
-            self._loaded[patterns + k] = self.motions[k], self._loaded[patterns + k][1]
+        self.motions = free_motions.displacements(structure, self.classes, self.vectors, self.comm)
+        for k, motion in enumerate(self.motions):
+            self._loaded[patterns + k] = motion, self._loaded[patterns + k][1]
         self._motion_columns = np.array(self.motions).reshape(self.modes, self.owned).T
         self.travels = {k: rows_moved(structure, self.classes, self.vectors, k)
                         for k in structure.travel.patterns}
