@@ -134,6 +134,17 @@ def scene_of(named_scene):
     return get
 
 
+@pytest.mark.parametrize("aside, found", [(0.0, [[], [0]]), (1e-3, [[], [0]]), (0.1, [[0], []])])
+def test_nodes_on_a_line_of_symmetry_are_guided(aside, found):
+    """Displaced normals tilt: the place of such a node lies a little beside the other body's."""
+    first, second = flat(4, 0.0, up=False), flat(3, 0.0, up=True)
+    first.xy[:, 0] += aside
+    gids, keys = (np.arange(5), 5 + np.arange(4)), np.array([0, 10])
+    lost_, guided = held.yielding(first, second, gids, keys, first.nodal_normals(),
+                                  np.ones(5, bool), np.ones((4, 3), bool), 1.0)
+    assert [np.flatnonzero(of).tolist() for of in (lost_, guided)] == found
+
+
 # half of a rounded punch on a block, held on the line of symmetry of both, or the whole of them
 SYMMETRIC = """include "scene.idp"
 real mirror = physical("mirror", 0.);
