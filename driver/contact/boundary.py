@@ -165,6 +165,12 @@ class ContactBoundary:
         return np.zeros(len(self.gid), bool) if self.covered is None else self.covered <= 0
 
     @property
+    def mirrored(self) -> np.ndarray:
+        """(n_c,) whether a support lets nodes move along the normal alone: a line of symmetry."""
+        along = np.abs(self.tangent).max(axis=1, initial=0.0) > 0.99  # of one component
+        return self.guided & (self.normal_row >= 0) & along
+
+    @property
     def paired(self) -> np.ndarray:
         """(n_c,) whether the node meets another body."""
         return self.family > 0

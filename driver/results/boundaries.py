@@ -12,7 +12,7 @@ from .quantities import chains, contact_length, longest_ways, peak, traction
 from .tables import BOUNDARIES
 
 WORK = "work"  # of friction, beside the names of ContactField
-NODES = ("xy", "arc", "chain", "weight", "length", "gap", "paired", "middle")
+NODES = ("xy", "arc", "chain", "weight", "length", "gap", "paired", "middle", "mirrored")
 
 
 def boundary_rows(record, states: dict[str, np.ndarray],

@@ -41,7 +41,7 @@ def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[st
     """Values of `effects.quantities` by name, and the index of the step that they belong to.
 
     `nodes` holds the columns xy (n, 2), arc, weight, length (by default the weight), gap, chain,
-    paired and middle (n,) of the contact nodes, sorted by chain and arc; `steps` the columns u_n,
+    paired, middle and mirrored (n,) of the contact nodes, sorted by chain and arc; `steps` the columns u_n,
     slip, sigma_n, sigma_t and status (steps, n) and, with friction, its `work` (steps, n) from
     dissipation.py; `displacement` (steps,) the largest displacement in the body. All as in
     contact.csv and history.csv, status as its code.
@@ -156,13 +156,15 @@ def traction(nodes: dict, pressure: np.ndarray, piece: np.ndarray) -> np.ndarray
 
     An end node has half a dual segment and one or two triangles: force over weight errs there by
     O(h) however smooth the pressure is. The line through its neighbours is of second order. With
-    quadratic elements so is the node's own: its shape function has no first moment.
+    quadratic elements so is the node's own: its shape function has no first moment. So it is on a
+    line of symmetry, where `mirrored` nodes (n,) are: there the pressure is level.
     """
     p, x = pressure[piece].copy(), nodes["arc"][piece]
     if nodes["middle"].any():
         return p
+    level = nodes["mirrored"][piece]
     for end, (near, far), edge in zip((0, -1), ((1, 2), (-2, -3)), beyond_ends(nodes, piece)):
-        if edge == 0 and len(piece) > 3 and min(p[[end, near, far]]) > 0:
+        if edge == 0 and len(piece) > 3 and min(p[[end, near, far]]) > 0 and not level[end]:
             slope = (p[near] - p[far]) / (x[near] - x[far])
             p[end] = max(0.0, p[near] + slope * (x[end] - x[near]))
     return p

@@ -150,11 +150,10 @@ class Record:
 
     def _columns(self) -> tuple[dict, dict]:
         """Columns of the nodes and of the steps, as quantities.py takes them."""
-        names = ("xy", "arc", "weight", "length", "gap", "chain", "paired", "middle")
+        names = ("xy", "arc", "weight", "length", "gap", "chain", "paired", "middle",
+                 "mirrored")
         nodes = {name: getattr(self.contact.boundary, name) for name in names}
         nodes["shares"] = self.shares
-        fixed = self.contact.constrained * np.abs(self.contact.boundary.tangent)
-        nodes["mirrored"] = fixed.max(axis=1, initial=0.0) > 0.99
         steps = less_wear({name: np.array(column) for name, column in self.states.items()})
         steps |= {"work": np.array(self.work), **self.counted}
         if self.contact.boundary.moves:

@@ -454,7 +454,8 @@ def test_ring_and_separate_pieces():
     one = np.ones(12)
     ring = {"xy": np.column_stack([np.cos(angle), np.sin(angle)]), "arc": side * np.arange(12),
             "weight": side * one,
-            "gap": 0 * one, "chain": one, "paired": one < 0, "middle": one < 0}
+            "gap": 0 * one, "chain": one, "paired": one < 0, "middle": one < 0,
+            "mirrored": one < 0}
     steps = {"u_n": 0 * one, "slip": 0 * one, "sigma_n": -one, "sigma_t": 0 * one,
              "status": STICK * one}
     assert values(ring,
@@ -714,3 +715,13 @@ def test_contact_that_pulls_and_pushes_alike_is_no_lost_contact():
     steps |= {"sigma_n": np.array([-1.0 + 0 * x, 3 * (x - 2)]), "status": np.full((2, 5), STICK)}
     found, index = q.quantities(declared(), nodes, steps, np.ones(2))
     assert index == 1 and found["peak_pressure"] > 3
+
+
+def test_pressure_is_level_at_a_line_of_symmetry():
+    """The node there counts as it is; elsewhere an end is continued from inside."""
+    x = np.linspace(0.0, 1.0, 6)
+    nodes = {"arc": x, "xy": np.column_stack([x, 0 * x]), "weight": np.array([1, 2, 2, 2, 2, 1]) / 10,
+             "paired": x < 0, "middle": x < 0, "mirrored": x == 0}
+    pressure = np.array([7.0, 5.0, 4.0, 3.0, 2.0, 9.0])
+    found = q.traction(nodes, pressure, np.arange(6))
+    assert found == pytest.approx([7, 5, 4, 3, 2, 1])
