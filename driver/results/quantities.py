@@ -41,7 +41,7 @@ def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[st
     """Values of `effects.quantities` by name, and the index of the step that they belong to.
 
     `nodes` holds the columns xy (n, 2), arc, weight, length (by default the weight), gap, chain,
-    paired, middle and mirrored (n,) of the contact nodes, sorted by chain and arc; `steps` the columns u_n,
+    paired, middle and mirrored (n,) of the contact nodes, sorted by chain and arc; `steps` u_n,
     slip, sigma_n, sigma_t and status (steps, n) and, with friction, its `work` (steps, n) from
     dissipation.py; `displacement` (steps,) the largest displacement in the body. All as in
     contact.csv and history.csv, status as its code.

@@ -60,6 +60,7 @@ class Definition(NamedTuple):
     content: str
     ended: bool
     goes_on: str = ""  # the operator with which the line after it begins, if it does
+    behind: str = ""  # the macro that is defined in the comment behind it, if one is
 
 
 def read(path: Path) -> str:
@@ -107,15 +108,17 @@ def definitions(source: Source) -> list[Definition]:
         number += 1
         if not head:
             continue
-        content, end, _ = head[3].partition("//")
+        content, end, rest = head[3].partition("//")
         while not end and number < len(source.lines) and not AFTER_MACRO.match(
                 source.lines[number]):
-            more, end, _ = source.lines[number].partition("//")
+            more, end, rest = source.lines[number].partition("//")
             content += f"\n{more}"
             number += 1
         after = re.match(r"\s*([-+*/])(?![-+*/])", "".join(source.lines[number : number + 1]))
+        behind = re.match(r"\s*macro\s+(\w+)\s*\(", rest)
         found.append(Definition(source.path, start + 1, head[1], head[2], content.strip(),
-                                bool(end), after[1] if after else ""))
+                                bool(end), after[1] if after else "",
+                                behind[1] if behind else ""))
     return found
 
 
@@ -130,11 +133,12 @@ def check(scene: Path) -> None:
     _check_includes(files)
     _check_end(files[0])
     _check_circles(files)
+    names = {name for source in files for _, name in declared(source)}
     for source in files:
         _check_brackets(source)
         _check_bodies(source)
         for definition in definitions(source):
-            if reason := _fault(definition):
+            if reason := _fault(definition, names):
                 raise InputError(f"{source.path.name} line {definition.line}: {reason}")
         _check_parameters(source)
         for line, name in declared(source):
@@ -247,17 +251,23 @@ def _check_bodies(source: Source) -> None:
                              "addBody(square(n, m, [x0 + a*x, y0 + b*y]))")
 
 
-def _fault(definition: Definition) -> str:
-    """What is wrong with a macro; empty if nothing is seen to be."""
+def _fault(definition: Definition, names: set[str]) -> str:
+    """What is wrong with a macro; empty if nothing is seen to be. The scene declares `names`."""
     name, content = definition.name, definition.content
     if not definition.ended:
         return f"the macro {name} does not end: a macro ends with //"
     if definition.goes_on:
         return (f"the macro {name} ends with // in its line, and the next one begins with "
                 f"{definition.goes_on}: comments stand above a macro of several lines, not in it")
+    if definition.behind:
+        return (f"the macro {definition.behind} stands in a comment, behind the // that ends the "
+                f"macro {name}: give it a line of its own, or take it out")
     macro = next((macro for macro in rooms.all_macros() if name in macro.names), None)
     if macro is None or macro.arguments is None:
         return ""
+    words = re.findall(r"(?<![\w.])[A-Za-z_]\w*", without_texts(content))
+    if "z" in set(words) - names - set(re.findall(r"\w+", definition.arguments or "")):
+        return f"z in {name} is FreeFEM's third coordinate, zero all over a plane scene"
     wanted, given = (len(re.findall(r"\w+", words or ""))
                      for words in (macro.arguments, definition.arguments))
     if wanted != given and (given or wanted):

@@ -720,7 +720,8 @@ def test_contact_that_pulls_and_pushes_alike_is_no_lost_contact():
 def test_pressure_is_level_at_a_line_of_symmetry():
     """The node there counts as it is; elsewhere an end is continued from inside."""
     x = np.linspace(0.0, 1.0, 6)
-    nodes = {"arc": x, "xy": np.column_stack([x, 0 * x]), "weight": np.array([1, 2, 2, 2, 2, 1]) / 10,
+    nodes = {"arc": x, "xy": np.column_stack([x, 0 * x]),
+             "weight": np.array([1, 2, 2, 2, 2, 1]) / 10,
              "paired": x < 0, "middle": x < 0, "mirrored": x == 0}
     pressure = np.array([7.0, 5.0, 4.0, 3.0, 2.0, 9.0])
     found = q.traction(nodes, pressure, np.arange(6))

@@ -112,6 +112,9 @@ def test_a_macro_that_does_not_end(said, name):
     ("macro load1() ", "real one = 1.; macro load1() ", "the macro load1 must begin its line"),
     ("macro load1() ", "NewMacro load1() ", "not by NewMacro"),
     ('include "export.idp"', 'real one = 1.; include "export.idp"', "include must begin its line"),
+    ("macro contact() 1 //", "macro contact() 1 // macro gap() 0.1 //",
+     "gap stands in a comment, behind the // that ends the macro contact"),
+    ("friction() F", "friction() F*(1. + z)", "z in friction is FreeFEM's third coordinate"),
     ("2., -10.", "2.*x**2, -10.", "powers are x^2"), ("0.3 //", "3/10 //", "is 0: write 3./10"),
     ("amplitude1(t) t", "amplitude1(t) t^(1/2)", "is 0: write 1./2"),
 ])
