@@ -360,7 +360,8 @@ def _execution(output: str, status: int, scene: Path, retrace) -> str:
         said = f"FreeFEM was killed by signal {killed}"
         meaning = meaning or {6: "not enough memory?", 9: "was there enough memory?",
                               11: "a mesh that is far too fine (H, CELLS, SUBDOMAINS) or has "
-                                  "vertices that no triangle uses, or values that are no numbers"
+                                  "vertices that no triangle uses (from gmsh: curves of a surface "
+                                  "without a Physical Surface), or values that are no numbers"
                               }.get(killed, "")
     said = said or next((line for line in lines if not re.search(SILENT, line)), "no message")
     reason = f"{meaning} ({said})" if meaning else said

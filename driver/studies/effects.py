@@ -104,7 +104,8 @@ def read_variant(name: str, out: Path) -> Variant:
                         "max_displacement")}
     contact = files.read_table(out / "contact.csv")
     if contact:
-        slip = abs(contact["slip"]).reshape(summary["steps"], -1).sum(axis=0)
+        slip = abs(contact["slip"]) * (contact["status"] != "open")
+        slip = slip.reshape(summary["steps"], -1).sum(axis=0)
         end = {key: column[contact["step"] == summary["steps"]] for key, column in contact.items()}
         row |= {"largest_slip": float(slip.max()), "peak_normal": float(abs(end["sigma_n"]).max()),
                 "peak_tangential": float(abs(end["sigma_t"]).max())}

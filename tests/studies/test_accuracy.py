@@ -4,7 +4,7 @@ made-up runs; one small sweep."""
 import numpy as np
 import pytest
 
-from driver.errors import InputError
+from driver.errors import InputError, NotConverged
 from driver.estimates.budget import FLOOR, SAFETY
 from driver.figures import accuracy as picture
 from driver.files import read_rows
@@ -39,6 +39,19 @@ def test_reference_adds_what_space_and_time_change():
     # the caution of both extrapolations (a second order counts up to three times as much, as the
     # last difference may be chance), and the product of the corrections
     assert 1.2 * left < found["q"].own < SAFETY * (3 * FLOOR * 0.05**2 + 0.01) + 1.01 * 0.05 * 0.1
+
+
+def test_a_reference_that_does_not_converge_ends_with_its_status():
+    """Not as bad input."""
+    study = object.__new__(sweeps.Study)
+    study.reference_runs, study.plan = lambda: {"base": trial()}, lambda: []
+
+    def run(failing):
+        failing.reason, failing.status = "too bad", 4
+
+    study.run = run
+    with pytest.raises(NotConverged, match="the reference run .* failed: too bad"):
+        study.run_all(None)
 
 
 def test_quantity_that_does_not_converge_has_no_reference():

@@ -26,7 +26,7 @@ from pathlib import Path
 
 from ... import options
 from ...effects import Effects
-from ...errors import PARTIAL, DriverError, InputError
+from ...errors import PARTIAL, DriverError, InputError, error_of
 from ...estimates.budget import mesh_knob, unit
 from ...files import write_table
 from ...options import RESULTS
@@ -151,21 +151,23 @@ class Study:
                     trial.add(execute(Run.from_pairs({**pairs, "out": f"{folder}/run"})))
                 except DriverError as problem:
                     trial.reason = str(problem).split(PARTIAL)[0]
+                    trial.status = problem.exit_status
                     return
 
     def run_all(self, quantity: str | None) -> tuple[list[Trial], dict[str, Reference], str | None]:
         """Run the reference and all trials, with a line each.
 
         Returns the trials, the reference values and the quantity to show: `quantity`, by default
-        the most sensitive one. Raises InputError if the reference fails or does not have that
-        quantity.
+        the most sensitive one. Raises InputError if the reference does not have that quantity, and
+        what a run of the reference has failed with.
         """
         clock, reference, trials = time.perf_counter(), self.reference_runs(), self.plan()
         total = len(reference) + len(trials)
         for number, trial in enumerate(reference.values(), 1):
             self.run(trial)
             if trial.reason:
-                raise InputError(f"the reference run {trial.label} failed: {trial.reason}")
+                raise error_of(trial.status,
+                               f"the reference run {trial.label} failed: {trial.reason}")
             if quantity and quantity not in trial.values:
                 raise InputError(f"QUANTITY={quantity}: the scene has no such quantity; it has "
                                  f"{', '.join(trial.values)}")

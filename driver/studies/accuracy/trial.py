@@ -44,6 +44,7 @@ class Trial:
     setting: Setting
     label: str
     reason: str = ""  # why there is no result
+    status: int = 0  # exit status of the run
     values: dict = field(default_factory=dict)
     energy: float | None = None  # estimated relative error in the energy norm
     sizes: dict = field(default_factory=dict)
