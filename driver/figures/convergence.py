@@ -48,6 +48,8 @@ def convergence(figure: Figure, run: Run) -> None:
     thin, every = thin_out(select(table, table["residual"] > 0))
     grown = 2 if len(thin["product"]) < 150 else 1.4 if len(thin["product"]) < 600 else 1
     axes.semilogy(thin["product"], thin["residual"], color="0.75", lw=0.3, zorder=1)
+    if len(thin["residual"]) and np.ptp(np.log10(thin["residual"])) < 1:  # or none at all
+        axes.set_ylim(0.1 * thin["residual"].min(), 10 * thin["residual"].max())
     handles = []
     for kind, (colour, marker, size) in KINDS.items():
         own, total = thin["kind"] == kind, np.count_nonzero(table["kind"] == kind)

@@ -5,6 +5,7 @@ import csv
 import dataclasses
 import json
 import math
+import warnings
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -552,6 +553,17 @@ def test_thinned_convergence_keeps_starts_and_counts_everything(tmp_path):
     total = sum(int(t.split("(")[1].rstrip(")").replace("\u2009", ""))
                 for t in legend_words(figure))
     assert total == len(table["kind"]) and f"every {every}th iteration" in words(figure)
+
+
+def test_a_single_residual_has_an_axis(tmp_path):
+    """Of its own decade and both beside it; Matplotlib would warn of one without extent."""
+    run = figures.read_run(make_run(tmp_path))
+    run.convergence = {name: column[:1] for name, column in run.convergence.items()}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        axes = figures.compose("convergence", run).axes[0]
+    value = run.convergence["residual"][0]
+    assert axes.get_ylim() == pytest.approx((0.1 * value, 10 * value))
 
 
 def test_history_shows_forces_per_thickness_and_iterations(drawn, run):
