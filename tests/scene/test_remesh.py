@@ -26,6 +26,16 @@ macro contact() 5 //
 macro friction() 0.3 //
 include "export.idp"
 """
+SQUARE = """lc = 0.5;
+Point(1) = {0, 0, 0, lc}; Point(2) = {3, 0, 0, lc};
+Point(3) = {3, 4, 0, lc}; Point(4) = {0, 4, 0, lc};
+Line(1) = {1, 2}; Line(2) = {2, 3}; Line(3) = {3, 4}; Line(4) = {4, 1};
+Curve Loop(1) = {1, 2, 3, 4};
+Plane Surface(1) = {1};
+Physical Curve(1) = {1};
+Physical Curve(3) = {3};
+Physical Surface(1) = {1};
+"""
 FILE = """include "scene.idp"
 include "gmsh.idp"
 body = gmshBody("half.msh", meshSize(1.));
@@ -106,9 +116,20 @@ def test_what_has_no_meaning_is_refused(scene, tmp_path, text, change, options, 
 
 
 def test_h_changes_no_mesh_of_a_file(from_file, tmp_path):
-    """What changes it is said."""
-    with pytest.raises(InputError, match="which is read from a file: REMESH=0.5"):
+    """What changes it is said; so it is where a .geo takes no size."""
+    with pytest.raises(InputError, match="comes from half.msh: REMESH=0.5 makes"):
         freefem.export(from_file, tmp_path / "export", {"h": "0.5"})
+    (from_file.parent / "square.geo").write_text(SQUARE)
+    other = from_file.with_name("other.edp")
+    other.write_text(from_file.read_text().replace("half.msh", "square.geo").replace(
+        "region == 2", "y > 2").replace("on(12", "on(3").replace("contact() 11", "contact() 1"))
+    with pytest.raises(InputError, match=r"where no  DefineConstant\[ h = .* REMESH=0.5 makes"):
+        freefem.export(other, tmp_path / "export", {"h": "0.5"})
+    counts = [freefem.export(other, tmp_path / factor, {"remesh": factor}).nodes
+              for factor in ("1", "0.5")]
+    assert 3 < counts[1] / counts[0] < 5
+    (from_file.parent / "square.geo").write_text(f"DefineConstant[\n h = {{1}} ];\n{SQUARE}")
+    assert "remesh" not in freefem.export(other, tmp_path / "h", {"h": "0.5"}).parameters
 
 
 def test_meshes_without_a_size_have_errors_and_prices(scene, solved):
