@@ -108,6 +108,8 @@ def contact_panels(figure: Figure, run: Run, caption: str, panels: tuple) -> Non
             shade_zones(axes, rows, arc.factor)
             lines = draw(axes, curves, curves["arc"] * arc.factor, scale)
             handles.update({line.get_label(): line for line in lines})
+            for line in lines:
+                mark_alone(axes, line)
             axes.axhline(0, color="0.45", lw=0.5, zorder=1)
             axes.locator_params(axis="y", nbins=6)
         widen(above, FAINT * np.abs(run.contact["sigma_n"]).max() * stress.factor)
@@ -117,6 +119,15 @@ def contact_panels(figure: Figure, run: Run, caption: str, panels: tuple) -> Non
     status = np.concatenate([rows["status"] for _, rows in shown])
     run_header(figure, run, caption + run.at(final_time(run)),
                [*handles.values(), *zone_handles(run, status, pale)], panels_note(boundaries))
+
+
+def mark_alone(axes, line) -> None:
+    """Mark the points of a line between others that are not: without markers none would be seen."""
+    x, y = line.get_xydata().T
+    known = np.concatenate([[False], np.isfinite(y), [False]])
+    alone = np.flatnonzero(known[1:-1] & ~known[:-2] & ~known[2:])
+    if len(alone):
+        axes.plot(x[alone], y[alone], ls="none", marker="o", ms=2.6, color=line.get_color())
 
 
 def in_parts(rows: dict) -> dict:
