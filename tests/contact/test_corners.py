@@ -400,6 +400,7 @@ def test_corners_of_a_body_that_comes_from_far(checked, named_scene, subdomains)
 
 @pytest.mark.parametrize("name, text, options", [
     ("rest", "REST", {}), ("wall", "FLOOR", {"subdomains": 4})])
+@pytest.mark.some(1)
 def test_a_preload_at_corners_knows_no_friction(solved, named_scene, name, text, options):
     """It is the equilibrium without friction, and where loads stay friction has nothing to do:
     steps with any coefficient have the tractions of the scene that declares none.
@@ -445,6 +446,7 @@ def test_friction_drags_corners_from_side_to_side(checked, named_scene, options)
 
 
 @pytest.mark.parametrize("law", ["tresca() 1e-4", "cohesion() 1e-4 //\nmacro friction() 0.5"])
+@pytest.mark.some(1)
 def test_friction_without_pressure_on_both_sides_of_an_open_corner(checked, named_scene, law):
     """A block is dragged away from floor and wall: every node slides at the given bound, and the
     lid gives what all of them take: 1e-4 times the length of the floor, and of the wall.

@@ -174,6 +174,7 @@ WHOLE = (" + on(1, u1 = 0.) + on(7, u1 = 0.)", "")
 @pytest.mark.parametrize("element", ["P1", "P2"])
 @pytest.mark.parametrize("order", ["17, 31", "31, 17"])
 @pytest.mark.parametrize("follows", ["", "macro largeSliding() 1. //\n"])
+@pytest.mark.some(2)
 def test_a_line_of_symmetry_of_both_bodies_has_no_friction(scene, solved, element, order, follows):
     """Half a model is half of the whole one: the shear of a node on the line is zero.
 

@@ -101,6 +101,7 @@ def assert_passes(run, stress: np.ndarray) -> None:
         {"subdomains": 7, "element": "P2"}, {"subdomains": 3, "slant": 0.3},
         {"subdomains": 11, "slant": -0.4}, {"fine": 3, "coarse": 5}, {"fine": 20, "coarse": 21},
         {"subdomains": 40, "fine": 4, "coarse": 4, "element": "P2"}))])
+@pytest.mark.some(1)
 def test_one_stress_passes_a_corner(solved, named_scene, first, options):
     run = solved(named_scene(first, of(PATCH, first)), **{"subdomains": 1} | TIGHT | options)
     assert_passes(run, STRESS)

@@ -227,6 +227,7 @@ def test_readme_is_short():
     assert len((ROOT / "README.md").read_bytes()) <= MOST
 
 
+@pytest.mark.slow
 def test_scene_and_snippet_of_the_readme(tmp_path):
     """As a reader would: save the scene, run it as told there, read its results from Python."""
     text = (ROOT / "README.md").read_text()

@@ -129,6 +129,7 @@ def radial(run, label: int) -> float:
 
 
 @pytest.mark.parametrize("element, tolerance", [("P1", 3e-3), ("P2", 3e-5), ("P2-mixed", 3e-5)])
+@pytest.mark.some(1)
 def test_lame_cylinder(solved, scene, element, tolerance):
     """u = (1 + nu)/E p a^2/(b^2 - a^2) ((1 - 2 nu) r + b^2/r); ten cells, errors of h^2, h^4."""
     run = solved(scene(TUBE + """

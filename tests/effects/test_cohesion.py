@@ -35,7 +35,7 @@ def block(tmp_path_factory):
 @pytest.mark.parametrize("options", [{}, {"subdomains": 3}, {"element": "P2"},
                                      pytest.param({"np": 2}, marks=pytest.mark.slow),
                                      {"friction": 0}])
-@pytest.mark.some(2)
+@pytest.mark.some(1)
 def test_sliding_base_carries_what_the_law_says(solved, options):
     """c L + F N, however the pressure is distributed; solved to 1e-10 of the pressures."""
     run = solved("cohesion", cells=6, **TIGHT, **options)

@@ -238,7 +238,7 @@ def solutions_of(problem) -> tuple[np.ndarray, list[np.ndarray]]:
     ({**JAM, "squeeze": 1e-5}, 0),
     ({**JAM, "friction": 3.5}, 0), ({**JAM, "friction": 4}, 1), ({**JAM, "friction": 20}, 3),
     ({**JAM, "friction": 2, "squeeze": 1e-5}, 1), ({**JAM, "friction": 4, "squeeze": -1e-6}, 1)])
-@pytest.mark.some(6)
+@pytest.mark.some(2)
 def test_small_scenes_against_enumeration(built, steps_of, options, count):
     """Resting, nearly sliding, nearly toppling, jammed by friction: what enumeration finds on the
     assembled body.
@@ -496,7 +496,7 @@ def test_fallbacks_of_free_bodies_do_not_depend_on_ranks(solved):
     # the same by a force at its top
     ({"push": 4.995e-5, "friction": 2}, {"push": 5.005e-5, "friction": 2}),
     ({"weight": 1e-4}, {"weight": -1e-4})])  # pulled away
-@pytest.mark.some(2)
+@pytest.mark.some(1)
 def test_limits_of_equilibrium(solved, below, above):
     """A tenth of a percent before sliding or toppling the block rests, one behind it is refused."""
     rests, fails = (solved(HELD, steps=1, **options) for options in (below, above))

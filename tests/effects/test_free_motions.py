@@ -282,6 +282,7 @@ include "export.idp"
 
 @pytest.mark.parametrize("friction, h, cut", [
     ("macro friction() 0.2 //", 0.7, 1), ("macro friction() 0.2 //", 1.5, 5), ("", 3, 2)])
+@pytest.mark.some(1)
 def test_bodies_that_meet_but_one_another_do_not_turn_together(scene, solved, friction, h, cut):
     """Polygons that are not quite round would hold their turning, and to the last digit of that
     balance Newton's method had turned both by 0.26 rad: 6.25 where the slit opens by 0.08.

@@ -200,6 +200,7 @@ include "export.idp"
 
 
 @pytest.mark.parametrize("k, known", [(1000, False), (1e-4, True)])
+@pytest.mark.some(1)
 def test_a_spring_at_a_point_has_no_limit_where_it_matters(solved, named_scene, k, known):
     """A body that nothing else holds along its floor gives way at the point like log h: no error
     is claimed of what follows from it; a spring that is soft beside the body's log is no matter.

@@ -350,6 +350,7 @@ def test_what_a_scene_does_not_have_is_not_estimated(budget_of):
             assert [s for s in SOURCES if s not in entry] == sorted(missing, key=SOURCES.index)
 
 
+@pytest.mark.slow
 def test_parts_add_up_and_values_are_the_runs(solved):
     run = solved("model", errors="yes", loading="nonmonotone", cells=4, steps=4)
     for name, entry in run.summary["errors"]["quantities"].items():
@@ -366,6 +367,7 @@ def test_parts_add_up_and_values_are_the_runs(solved):
     ("time", {"steps": 32}),
     pytest.param("friction", {"friction_rtol": 0.3, "primal_rtol": 1.0}, marks=pytest.mark.slow),
     ("solver", {"rtol": 1e-3, "primal_rtol": 1.0})])
+@pytest.mark.some(1)
 def test_parts_answer_to_their_own_knob(budget_of, source, change):
     """The knob's own part changes by a factor of 2 at least; the sum of the large other ones by
     less than half.
@@ -455,6 +457,7 @@ def test_settings_are_named_as_on_the_command_line():
     assert [name_of("h", 0.05), name_of("element", "P2")] == ["H=0.05", "ELEMENT=P2"]
 
 
+@pytest.mark.slow
 def test_estimates_are_optional_and_named_on_the_screen(command, tmp_path):
     words = ("run", "SCENE=model", "CELLS=2", "STEPS=2", "FIGURES=no", "FIELDS=no", "QUIET=yes",
              f"OUT={tmp_path / 'out'}")

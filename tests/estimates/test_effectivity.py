@@ -21,7 +21,7 @@ LONG = "hertz", "bracket", "wedge", "joint"  # the other scenes have what these 
 
 @pytest.mark.parametrize("scene, parameters, finer", [
     pytest.param(*case, marks=[pytest.mark.slow] * (case[0] in LONG)) for case in NESTED])
-@pytest.mark.some(3)
+@pytest.mark.some(1)
 def test_effectivity_against_a_nested_mesh(estimated, split, scene, parameters, finer):
     """The overkill error is too small by the error of the fine mesh itself: the bound must exceed
     it, and not by far.

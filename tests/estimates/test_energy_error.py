@@ -82,6 +82,7 @@ def test_point_loads_have_no_estimate(variant, estimated):
     assert "point loads" in estimated(pushed, cells=2, steps=1)[2].reason
 
 
+@pytest.mark.slow
 def test_displacements_under_point_loads_have_no_claim(variant, solved):
     """They grow like the logarithm of the elements; other quantities keep theirs."""
     of = {}
@@ -123,6 +124,7 @@ def test_what_the_friction_bound_adds_is_the_sum_of_all_rounds():
     assert np.isfinite(coupling(0.3, 1.2))
 
 
+@pytest.mark.slow
 def test_what_coulombs_law_and_time_add_is_named_beside_the_bound(solved):
     """Only where there are such: not with a given friction bound, nor in a single step."""
     run = solved("model", loading="nonmonotone", cells=4, steps=8, errors="yes")

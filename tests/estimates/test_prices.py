@@ -238,6 +238,7 @@ def test_words():
 
 # ------------------------------------------------------------------------------ runs
 
+@pytest.mark.slow
 def test_a_run_ends_with_the_price_of_the_quantity_asked_for(solved):
     """Its lines keep to what the budget says of the run itself and of its companions."""
     run = solved("model", errors="yes", loading="nonmonotone", cells=6, steps=8, quantity="slip")

@@ -336,6 +336,7 @@ def test_pressure_and_shear_of_a_uniform_strain(revolved):
     np.testing.assert_allclose((stress[..., 1:] ** 2).sum(axis=-1), (shear**2).sum())
 
 
+@pytest.mark.slow
 def test_equal_meshes_tell_no_error(solved, named_scene):
     """Of a scene that limits its element size: what coarser sizes do not change is not certain."""
     path = named_scene("limited", """include "scene.idp"
@@ -358,6 +359,7 @@ include "export.idp"
     assert finer["normal_resultant"]["mesh"] > 0  # of two meshes
 
 
+@pytest.mark.slow
 def test_forces_beside_a_place_held_inside_an_obstacle_have_no_error(solved, named_scene):
     """A wall moves into a side whose upper end the support holds: the displacement jumps there."""
     text = """include "scene.idp"

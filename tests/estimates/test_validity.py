@@ -385,7 +385,7 @@ def test_what_polygons_lack_of_a_curve_is_there_before_the_load(verdict):
 
 @pytest.mark.parametrize("scene", ["bar", "hertz-bodies", "pin", "pressfit", "stack", "tutorial",
                                    "wedge", "zones"])
-@pytest.mark.some(4)
+@pytest.mark.some(1)
 def test_scenes_that_ship_are_ok(solved, scene):
     entry = solved(scene).summary["validity"]
     assert entry["verdict"] == "ok"

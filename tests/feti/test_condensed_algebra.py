@@ -209,6 +209,7 @@ include "export.idp"
     ("half-disc", {"subdomains": 1}, 3),  # of two corners, along whose line nothing is stiff
     ("joint", {"h": 1.6, "subdomains": 6, "element": "P2"}, 2)])
 @pytest.mark.parametrize("large", [coarse.LARGE, 0])
+@pytest.mark.some(2)
 def test_bodies_on_springs_are_pinned_first(built, named_scene, monkeypatch, scene, options,
                                             motions, large):
     """C of bodies without support is that of one sparse factorization of the bodies on springs,

@@ -323,7 +323,7 @@ def test_products_hardly_grow_with_the_number_of_subdomains(solved, loading):
 @pytest.mark.parametrize("left_out", [{"preconditioner": "dirichlet"}, {"expansion": "cg"},
                                       {"corrector": "none"}],
                          ids=lambda option: "-".join(*option.items()))
-@pytest.mark.some(2)
+@pytest.mark.some(1)
 def test_every_ingredient_has_its_share(solved, left_out, monkeypatch):
     """On the finer partition each saves products, and each can be switched off; what eliminations
     save beside them is left out.

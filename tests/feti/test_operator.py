@@ -467,7 +467,7 @@ def test_sharing_classes_changes_nothing(built, monkeypatch):
 
 @pytest.mark.parametrize("subdomains", ["1x2", "5x1", "2x6", "2", "3", "5", "6", "8", "11", "13",
                                         "17", "23", "30"])
-@pytest.mark.some(5)
+@pytest.mark.some(2)
 def test_torn_subdomains_are_held(built, subdomains):
     """K_rr of every subdomain is positive definite: corners and supports leave no rigid motion or
     hinge.
@@ -649,6 +649,7 @@ for directory in sys.argv[1:]:
 """
 
 
+@pytest.mark.slow
 def test_any_split_gives_the_same_bits(exported, tmp_path):
     """Products, loads, preconditioner, scalar products, one by one and several at once, all steps,
     displacements and what bodies deform by: sums are taken in an order the ranks do not change.

@@ -237,6 +237,7 @@ def outside(figure) -> list[str]:
 
 # ------------------------------------------------------------------------------------------ tests
 
+@pytest.mark.slow
 def test_every_figure_is_written_whole(plain):
     paths = figures.draw_run(plain)
     assert [p.name for p in paths] == [f"{n}.{kind}" for n in ALL for kind in ("png", "pdf")]
@@ -259,7 +260,7 @@ def test_drawing_again_gives_the_same_files(tmp_path):
      "contact_tangential", "contact_status", "history"}),
     ({"time": "static"}, {"loading", "contact_status", "history"}),
 ])
-@pytest.mark.some(2)
+@pytest.mark.some(1)
 def test_what_the_scene_does_not_declare_is_not_drawn(tmp_path, change, absent):
     run = figures.read_run(make_run(tmp_path / "run", steps=3, **change))
     assert list(figures.wanted(run)) == [n for n in ALL if n not in absent]
@@ -303,6 +304,7 @@ def test_nothing_overlaps_or_leaves_the_page(drawn, name):
 
 
 @pytest.mark.parametrize("labels", [2, 5])
+@pytest.mark.some(1)
 def test_several_contact_boundaries_have_a_panel_each(tmp_path, labels):
     run = figures.read_run(make_run(tmp_path, steps=3, labels=labels, products=6))
     for name, stacked in (("contact_normal", 2), ("contact_tangential", 2), ("contact_status", 1)):
@@ -535,6 +537,7 @@ def test_closed_nodes_without_friction_are_in_contact(tmp_path):
         assert legend_words(figures.compose(name, run))[-2:] == ["open", "contact"]
 
 
+@pytest.mark.slow
 def test_not_converged_is_said_in_every_title(tmp_path):
     run = figures.read_run(make_run(tmp_path, steps=2, converged=False, products=6))
     for name in figures.wanted(run):
@@ -714,7 +717,7 @@ def test_labels_loads_and_weight_are_on_the_picture(tmp_path):
     (lambda x, y: np.where(y < 0.4, 2.0, np.where(x < 0.02, 50 + y, 80.0)),
      ["$G$ = 2 Pa", "$G$ = 80 Pa"]),
     (lambda x, y: 10 ** (2 * x), ["ranges"]), (None, [])])
-@pytest.mark.some(2)
+@pytest.mark.some(1)
 def test_materials_that_no_region_names_have_colours(run, modulus, expected):
     """By the stiffness of the triangles: its values where they are few, ranges where it varies."""
     mesh = run.first
@@ -946,6 +949,7 @@ def test_the_animation_has_a_frame_a_step_all_alike(tmp_path):
     assert path in redraw.redraw(directory)
 
 
+@pytest.mark.slow
 def test_long_histories_are_thinned_and_runs_without_fields_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(animation, "MOST", 3)
     directory = make_run(tmp_path, steps=5, products=6)

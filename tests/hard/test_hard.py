@@ -43,7 +43,7 @@ def here(monkeypatch):
     pytest.param(case, id=case.name, marks=[pytest.mark.slow] * (number % 3 > 0))
     for number, case in enumerate(FAST)])
 @pytest.mark.usefixtures("here")
-@pytest.mark.some(8)
+@pytest.mark.some(2)
 def test_fast(case, tmp_path):
     row = suite.judge(case, case.sizes[0], tmp_path)
     assert row.status == ("refused" if case.status else "solved"), row.why
@@ -83,7 +83,7 @@ def test_every_case_says_what_is_expected():
         1, "Traceback", 0.0, folder, crashed=True), "status": 1}, "Traceback"),
 ], ids=lambda value: "" if isinstance(value, dict) else value or "solved")
 @pytest.mark.usefixtures("here")
-@pytest.mark.some(4)
+@pytest.mark.some(2)
 def test_judge(change, why, tmp_path):
     """A case fails for each of the things it can do wrong, and says which."""
     case = replace(PLAIN, **change)
@@ -103,6 +103,7 @@ def test_laws_notice_wrong_forces(tmp_path):
     assert row.status == "FAILED" and "laws" in row.why
 
 
+@pytest.mark.slow
 def test_report(command, tmp_path):
     done = command("hard", "FAMILY=contact", "CASE=zero load", "FAST=yes", f"OUT={tmp_path}")
     assert done.returncode == 0, done.stderr

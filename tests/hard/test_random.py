@@ -87,7 +87,7 @@ def test_a_slit_has_two_tips_and_bodies_of_revolution_keep_off_the_axis():
 @pytest.mark.parametrize("seed", [
     pytest.param(seed, marks=[pytest.mark.slow] * (seed % 2 == 0))  # half by default
     for seed in range(SEED, SEED + random.FAST)])
-@pytest.mark.some(2)
+@pytest.mark.some(1)
 def test_fast(seed, tmp_path, monkeypatch):
     if seed not in RANKED:
         monkeypatch.setattr(random, "ranks_agree", lambda *_: "")
@@ -391,6 +391,7 @@ def test_states_are_searched_as_if_all_were_tried(modes):
 
 
 @pytest.mark.parametrize("modes, solved", [(1, 30), (3, 8)])
+@pytest.mark.some(1)
 def test_limits_of_forces_exclude_no_states(modes, solved):
     """Three bilateral nodes, F up to 0.8, and in the second case a motion that normals do not feel,
     which is what leaves some without a solution: the same verdict with limits of normal forces.
@@ -630,6 +631,7 @@ def test_a_run_that_takes_too_long_is_noticed(monkeypatch, tmp_path):
     assert row.status == "FAILED" and "not finished" in row.why
 
 
+@pytest.mark.slow
 def test_a_process_that_dies_is_a_row(monkeypatch, tmp_path):
     """The others go on."""
     def submit(pool, task, folder):

@@ -22,6 +22,7 @@ def step(rng, modes: int, **more) -> states.States:
 
 
 @pytest.mark.parametrize("modes", [0, 1, 3])
+@pytest.mark.some(1)
 def test_random_states_lead_to_a_solution_where_there_is_one(modes):
     """The same verdict as that of a search of all states, on 12 random problems."""
     rng, none = np.random.default_rng(modes), 0

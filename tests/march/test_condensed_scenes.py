@@ -43,6 +43,7 @@ include "export.idp"
 
 
 @pytest.mark.parametrize("soft", [15e3, 400.0, 30.0])
+@pytest.mark.some(1)
 def test_soft_bodies_on_stiff_ones_are_condensed(solved, named_scene, monkeypatch, soft):
     """Whose gluing rows differ in stiffness by factors of 14 to 7,000: the same forces and states
     as approximations end in, to all rows' own tolerance.
@@ -64,6 +65,7 @@ def test_soft_bodies_on_stiff_ones_are_condensed(solved, named_scene, monkeypatc
     ("rough", {"subdomains": 5, "cells": 6}),
     ("worn-pad", {"subdomains": 3, "cells": 6, "steps": 4}),
     ("flange", {"subdomains": 4})])
+@pytest.mark.some(1)
 def test_surfaces_that_yield_are_condensed_with_their_tangents(solved, monkeypatch, scene, words):
     """Each tangent is a problem of its own, whose rows yield by a diagonal: the same forces as
     approximations find, in fewer products.
@@ -84,6 +86,7 @@ def test_what_has_no_contact_has_nothing_to_eliminate_for(solved):
     assert run.status == 0 and not run.summary["counts"]["condensed_steps"]
 
 
+@pytest.mark.slow
 def test_bodies_without_support_are_condensed_with_their_motions(solved, monkeypatch):
     """Plates that only friction holds lengthwise, pulled and pushed: the first step starts without
     forces. The same state as approximations end in, for six products a step.
@@ -119,6 +122,7 @@ include "export.idp"
 
 
 @pytest.mark.parametrize("subdomains", [1, 5])
+@pytest.mark.some(1)
 def test_corners_are_condensed_with_the_rows_that_act(solved, named_scene, monkeypatch, subdomains):
     """Labels that meet in a rigid corner, at which states choose among four rows: the same forces
     and states as approximations end in, for a fifth of the products.
@@ -160,6 +164,7 @@ def test_what_corners_exclude_has_no_force(built, steps_of, named_scene, monkeyp
     assert max(held for held, _ in checked) > 0 and max(left for _, left in checked) == 0
 
 
+@pytest.mark.slow
 def test_steps_of_large_sliding_count_once(solved):
     """However many geometries each is solved about."""
     counts = solved("latch", h=0.6, steps=6).summary["counts"]
@@ -189,6 +194,7 @@ include "export.idp"
 """
 
 
+@pytest.mark.slow
 def test_nodes_that_face_nothing_are_left_out(solved, named_scene, monkeypatch):
     """The ends of plates beyond a roller, which holds by friction alone: the same forces as
     approximations find, for a quarter of the products.
@@ -231,6 +237,7 @@ include "export.idp"
 
 @pytest.mark.parametrize("choice, verdict", [("yes", "no second solution found"),
                                              ("auto", "not examined")])
+@pytest.mark.some(1)
 def test_steps_in_which_nothing_faces_anything(solved, named_scene, choice, verdict):
     """They leave nothing to examine, and no claim on those that are not examined."""
     run = solved(named_scene("beside", PUNCH), steps=12, subdomains=5, uniqueness=choice)

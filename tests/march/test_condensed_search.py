@@ -345,6 +345,7 @@ include "export.idp"
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cut", [1, 3])
 @pytest.mark.some(1)
 def test_a_block_slides_to_where_friction_holds_it(solved, named_scene, cut):

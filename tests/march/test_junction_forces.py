@@ -37,6 +37,7 @@ def by_place(run) -> np.ndarray:
     return np.stack([c["sigma_n"], c["sigma_t"]], axis=2)[:, order]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("more, element", [(FLOOR, "P1"), (FLOOR, "P2"), (BODY, "P1")])
 @pytest.mark.some(1)
 def test_forces_where_two_blocks_and_what_they_stand_on_meet(solved, named_scene, more, element):
@@ -86,7 +87,7 @@ APART = ", 32, 44"
     (APART, 0.0, "macro wear() 1e-3 //", 1e-4),
     (APART, 2e-5, "", 1e-2),  # which slide as the gap closes: other solutions are near
     ("", 0.0, "macro tie() 32, 44 //", 1e-6)])
-@pytest.mark.some(3)
+@pytest.mark.some(1)
 def test_forces_where_four_blocks_meet(solved, named_scene, pair, gap, more, close):
     """The same at two cuts, whatever laws the boundaries have; rough ones obey theirs."""
     text = FOUR.replace("PAIR", pair).replace("GAP", str(gap)).replace("MORE", more)

@@ -224,7 +224,7 @@ def run_loudly(capsys, *words):
 @pytest.mark.parametrize("word, said", [
     ("FRICTION=0.2", "of other scene or parameters"), ("STEPS=9", "of other scene or parameters"),
     ("RTOL=1e-7", "of other options"), ("FIELDS=no", "of other options")])
-@pytest.mark.some(4)
+@pytest.mark.some(2)
 def test_another_run_starts_over(stopped, capsys, word, said):
     """And what was kept for the interrupted run goes when this one is done: its results would be
     replaced.
@@ -272,7 +272,7 @@ def spoil_checkpoint(work):
     lambda work: (work / "fields" / "step_0002.vtu").unlink(),
     lambda work: (work / "fields" / "step_0002.vtu").write_bytes(b"")],
     ids=["bit", "empty", "cut", "field lost", "field empty"])
-@pytest.mark.some(3)
+@pytest.mark.some(1)
 def test_damaged_remains_are_not_taken_up(stopped, capsys, spoil):
     """After a power failure, say."""
     work, = stopped.parent.glob(".out.*")

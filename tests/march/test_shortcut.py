@@ -45,6 +45,7 @@ def test_slow_approximations_are_cut_short(solved, monkeypatch):
 @pytest.mark.parametrize("scene, words, most", [
     ("tutorial", DRAGGED, 60),
     ("joint", {"h": 0.14, "steps": 2, "subdomains": 7, "uniqueness": "no"}, 15)])
+@pytest.mark.some(1)
 def test_ranks_cut_short_alike(solved, scene, words, most):
     """Also bodies without support, whose motions are eliminated on all ranks."""
     one, two = (solved(scene, **words, np=ranks) for ranks in (1, 2))

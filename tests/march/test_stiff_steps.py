@@ -274,7 +274,7 @@ def test_springs_that_hold_bodies_are_in_no_residual_of_refined_displacements(
 
 
 @pytest.mark.parametrize("name", SCENES)
-@pytest.mark.some(2)
+@pytest.mark.some(1)
 def test_refined_displacements_are_those_of_factors_but_for_rounding(built, steps_of, named_scene,
                                                                      name):
     """Where bodies without support have moved, too. What stiff parts, springs of the method among

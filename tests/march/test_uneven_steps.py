@@ -102,6 +102,7 @@ include "export.idp"
 """
 
 
+@pytest.mark.slow
 def test_cuts_agree_on_displacements_where_no_contact_is_stiff(built, steps_of, named_scene):
     """One cut had ended, by its own products, 1.2e-3 of the deformation beside the others; what
     every rounding of the stiffness is worth is 1e-5 to 2e-4.

@@ -80,7 +80,7 @@ def test_a_finished_run_is_opened_without_solving(result):
     ("model", {"cells": 3, "CELLS": 4}, 2, "twice"), ("model", {"steps": "few"}, 2, "few"),
     ("slope", {"angle": 60, "cells": 3}, 3, "friction"),
     ("model", {**CASE, "max_products": 1}, 4, "partial results")])
-@pytest.mark.some(3)
+@pytest.mark.some(1)
 def test_errors_have_the_status_and_the_words_of_the_command_line(tmp_path, scene, options, status,
                                                                   words):
     with pytest.raises(driver.DriverError, match=words) as caught:
@@ -135,6 +135,7 @@ def test_importing_is_cheap_and_running_starts_no_petsc(tmp_path):
     assert time.perf_counter() - clock < 100
 
 
+@pytest.mark.slow
 def test_the_script_of_the_documents_does_what_it_says(tmp_path):
     """As it stands there, elsewhere: the forces of all four runs lie on the closed form."""
     text = (environment.ROOT / "driver" / "README.md").read_text()

@@ -39,6 +39,7 @@ def bounded(problem: CoulombProblem, g: np.ndarray) -> CoulombProblem:
 
 @pytest.mark.parametrize("smooth", [0.0, 0.4, 1.0])
 @pytest.mark.parametrize("seed", range(12))
+@pytest.mark.some(2)
 def test_forces_are_those_of_least_energy(seed, smooth):
     """From any start: within their bounds, and the energy falls no further by any force that may
     still change. It is convex, so that there is no other such point.

@@ -42,6 +42,7 @@ def at(path: _Path) -> CoulombProblem:
 
 @pytest.mark.parametrize("motions", [0, 2])
 @pytest.mark.parametrize("pulls", ["none", "some", "all"])
+@pytest.mark.some(2)
 def test_every_point_of_a_path_solves_its_own_problem(monkeypatch, motions, pulls):
     """Where it begins, at every border of states, and at its end, where the load is the step's."""
     honest, borders, turns = _Path._crossed, [], 0

@@ -193,6 +193,7 @@ def oracle_multipliers(dense: DenseScene, steps, coefficient):
     return np.array(found)
 
 
+@pytest.mark.slow
 @sizes(40, 700)
 def test_random_scenes(examples):
     compared = []

@@ -534,6 +534,7 @@ def test_friction_that_cannot_balance_a_push_is_known_without_a_search():
 
 @pytest.mark.parametrize("seed, motions, pulls, friction", [(75, 2, True, 20.0),
                                                             (64, 3, False, 100.0)])
+@pytest.mark.some(1)
 def test_a_path_ends_in_a_solution_that_other_methods_do_not_find(seed, motions, pulls, friction):
     """Found by going through random problems: five nodes, much friction."""
     problem = random_problem(seed, 5, motions, pulls, friction)

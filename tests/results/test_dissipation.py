@@ -117,6 +117,7 @@ PAD_MOVES = "macro displacement2() on(3, u1 = -0.5) //\nmacro amplitude2(t) t //
 
 
 @pytest.mark.parametrize("motion", [FLOOR_MOVES, PAD_MOVES])
+@pytest.mark.some(1)
 def test_a_pad_under_a_standing_load_rubs_all_the_way(solved, named_scene, motion):
     """F p L s = 2.4, whichever of the two moves, in any number of steps; half of the first step's
     share would be missing. The elastic slip of about p L / E before it slides is not work.

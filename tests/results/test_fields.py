@@ -264,6 +264,7 @@ if MPI.COMM_WORLD.rank == 0:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ranks, scene, options", [
     (3, "wedge", {"element": "P2", "h": 8, "subdomains": 6}),
     pytest.param(2, "stack", {"subdomains": 13}, marks=pytest.mark.slow),

@@ -182,6 +182,7 @@ include "export.idp"
      "macro wear() 1e-4 //", 0),
     ("macro support() on(4, u1 = 0.) //\nmacro obstacleX(t) t //\nmacro friction() 0. //", 0),
     ("macro support() on(3, u1 = 0.) //\nmacro obstacleX(t) t //\nmacro friction() 0.3 //", 0)])
+@pytest.mark.some(2)
 def test_nodes_that_are_held_and_slide_without_wear_are_named(solved, named_scene, declared, held):
     run = solved(named_scene("held", HELD.replace("DECLARED", declared)), steps=2, subdomains=3)
     assert run.status == 0, run.reason
@@ -209,6 +210,7 @@ include "export.idp"
 
 @pytest.mark.parametrize("start, more, said", [
     (0.0, "", False), (1.0, "", True), (0.0, "macro largeSliding() 2. //", True)])
+@pytest.mark.some(1)
 def test_contact_that_would_go_on_beyond_the_period_is_said(solved, named_scene, start, more, said):
     """Two strips of one period, the upper one of which starts or ends a quarter of it aside."""
     text = STRIPS.replace("START", str(start)).replace("MORE", more)

@@ -200,6 +200,7 @@ def test_loads_at_places_of_several_bodies_are_refused(solved, named_scene, more
 
 
 @pytest.mark.parametrize("cut", [1, 4, 7])
+@pytest.mark.some(1)
 def test_a_probe_of_several_bodies_follows_the_first_and_says_so(solved, named_scene, cut):
     """On the pair's boundary, and at the foot of the two lower bodies, whose supports meet there:
     its force is the reaction of the left one.

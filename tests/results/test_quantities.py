@@ -402,6 +402,7 @@ include "export.idp"
 
 
 @pytest.mark.parametrize("options", [{}, {"turned": 1}, {"apart": 0.5}, {"element": "P2"}])
+@pytest.mark.some(2)
 def test_bodies_side_by_side_on_one_label_are_pieces_of_its_boundary(solved, named_scene, options):
     """In whatever order they come: the end of one and the start of the next have one arc."""
     run = solved(named_scene("three", THREE), **options)

@@ -93,6 +93,7 @@ def scene(tmp_path_factory):
     (("SCENE=model", "=3"), ["NAME=VALUE"]),
     (("SCENE=model", "RTOL="), ["RTOL= has no value"]),
 ], ids=lambda v: "_".join(v) if isinstance(v, tuple) else "")
+@pytest.mark.some(2)
 def test_mistyped_words(command_here, tmp_path, words, expected):
     """Names and values: said in one line, with what was expected; nothing is left on disk."""
     others = [word for word in FAST[2:] if word.split("=")[0] not in str(words)]
@@ -109,6 +110,7 @@ def test_unknown_command(command):
 
 
 @pytest.mark.parametrize("closed, ranks", [("2>&-", 2), (">&- 2>&- <&-", 1)])
+@pytest.mark.some(1)
 def test_closed_streams_are_no_mistake(tmp_path, closed, ranks):
     """Files and pipes of ranks would take their numbers."""
     words = f"run SCENE=model {' '.join(FAST)} NP={ranks} OUT={tmp_path / 'out'} {closed}"

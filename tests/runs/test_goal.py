@@ -70,6 +70,7 @@ def test_hertz(solved, asked):
             * hertz(run.summary["quantities"]["normal_resultant"], NU)[index], asked, margin=2.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", [
     pytest.param(("macro contact() 1", "macro gap() 1e-4 //\nmacro contact() 1"),
                  marks=pytest.mark.slow),
@@ -107,6 +108,7 @@ def test_a_finer_request_costs_more_and_settings_can_be_repeated_by_hand(solved)
     assert (fine.directory / "freefem.log").exists() and not (fine.directory / "levels").exists()
 
 
+@pytest.mark.slow
 def test_a_search_ends_with_the_price_of_the_next_digit(solved):
     """What the search itself has taken for an accuracy is among the settings, or a faster one."""
     run = solved("model", loading="nonmonotone", accuracy="10%", errors="yes")
@@ -133,6 +135,7 @@ def test_nothing_is_solved_beyond_the_discretization_error(solved):
 
 @pytest.mark.parametrize("quantity, element, meshes, most", [
     ("normal_resultant", "P2", 2, 7), ("slip", None, 3, 6)])
+@pytest.mark.some(1)
 def test_a_search_takes_few_runs(monkeypatch, tmp_path, quantity, element, meshes, most):
     """Three meshes, each exported once and twice as fine as the one before, of the elements that
     suit the quantity, and one estimate; two where these differ by far less than they may. Runs on
@@ -519,6 +522,7 @@ def test_the_part_of_time_is_from_steps_that_miss_nothing(coarser_misses, used):
     assert of.parts["time"]["slip"].error == pytest.approx(alone + change * coarser_misses)
 
 
+@pytest.mark.slow
 def test_what_even_the_scenes_own_steps_miss_is_said(solved, named_scene):
     path = named_scene("pulse", """include "scene.idp"
 units("mm", "MPa");

@@ -140,7 +140,7 @@ def test_a_link_to_a_run_stays_and_the_run_is_replaced(tmp_path):
 
 @pytest.mark.parametrize("words", [("FIGURES=yes", "FIELDS=yes"), ("ADAPT=1", "SCENE=bracket"),
                                    ("MAX_FIXED_POINT=1",)], ids=["all", "adapted", "partial"])
-@pytest.mark.some(2)
+@pytest.mark.some(1)
 def test_a_run_finds_nothing_foreign_in_what_a_run_leaves(tmp_path, words):
     given = {word.split("=")[0]: word for word in (*WORDS, *words)}
     if "ADAPT=1" in words:
@@ -234,6 +234,7 @@ cli.main()
 """
 
 
+@pytest.mark.slow
 def test_a_rank_that_dies_over_estimates_leaves_the_results(tmp_path, monkeypatch):
     """Ranks that wait for it are ended, and what was finished before is published."""
     (tmp_path / "spoiled.py").write_text(SPOILED)
@@ -331,6 +332,7 @@ def test_a_link_to_one_is_left_alone(stopped, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["run.log", "checkpoint.bin", "fields", "export"])
+@pytest.mark.some(2)
 def test_links_in_one_lead_nowhere(stopped, tmp_path, name):
     place = private(stopped)
     (tmp_path / "secret").mkdir()

@@ -46,6 +46,7 @@ def test_ranks_follow_from_dofs_subdomains_and_cores(
     assert (launch.ranks_for(given), launch.ranks_for(static)) == (history, of_one_step)
 
 
+@pytest.mark.slow
 def test_a_run_has_the_ranks_that_its_size_pays_for_unless_they_are_given(tmp_path, monkeypatch):
     """The small model has one; if a rank paid for a hundred dofs, two, with the same bits."""
     seen = {}

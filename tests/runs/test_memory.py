@@ -43,7 +43,7 @@ def limited(mib: int, *words: str) -> SimpleNamespace:
 
 @pytest.mark.parametrize("mib, ranks", [(40, 1), (100, 1), (160, 1), (270, 1), (306, 1), (348, 1),
                                         (345, 2), pytest.param(500, 2, marks=pytest.mark.slow)])
-@pytest.mark.some(3)
+@pytest.mark.some(1)
 def test_runs_end_in_one_line(mib, ranks, tmp_path):
     """From what Python takes to what the run needs: packages, OpenBLAS's work space, PETSc and MPI,
     the run itself.

@@ -24,7 +24,7 @@ HOOKE = "".join(f"macro {name}() {value} //\n" for name, value in (
     MATERIAL + "macro initialX() 0.001 + 0.001*x //\n",
     MATERIAL + "real slipRange = 0.01;\nmacro slipFactor(s) 1. - 10.*s //\n",
     HOOKE])
-@pytest.mark.some(3)
+@pytest.mark.some(1)
 def test_sums_mean_what_they_mean_in_parentheses(solved, tmp_path, declared):
     """The same scene with every content in parentheses has the same results."""
     wrapped = "\n".join(

@@ -154,6 +154,7 @@ def traced(tmp_path, phi: str, box: str, more: str = "") -> np.ndarray:
     return np.array(printed(tmp_path, script))
 
 
+@pytest.mark.slow
 def test_the_curve_of_an_obstacle_is_traced_as_a_whole(tmp_path):
     """A circle, also in the last row and column of the grid, as far as it is in the box: by cubics
     that are off it by a billionth of the box, and no more of these than their fourth order takes.

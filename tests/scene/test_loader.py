@@ -448,7 +448,7 @@ def test_wrong_count_of_any_array(small, read):
     # slow: what all words of an array do, every fifth does; all lengths are hit
     pytest.param(-1, 1, marks=pytest.mark.slow), pytest.param(2**40, 1, marks=pytest.mark.slow),
     pytest.param(np.float64(1e300).view(np.int64), 1, marks=pytest.mark.slow)])
-@pytest.mark.some(2)
+@pytest.mark.some(1)
 def test_a_wild_word_anywhere_ends_in_no_traceback(small, read, value, apart):
     """Any word of the file overwritten: the export is refused by an InputError or read, nothing
     else.
@@ -862,6 +862,7 @@ include "export.idp"
 
 
 @pytest.mark.parametrize("element", ["P1", "P2", "P2-mixed"])
+@pytest.mark.some(1)
 def test_bodies_far_from_the_origin_are_read_however_they_are_cut(solved, named_scene, element):
     """Coordinates have fewer digits there for a triangle, and rows of the stiffness add up less
     well; the forces are those of the body at the origin.

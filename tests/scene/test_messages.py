@@ -278,7 +278,7 @@ def test_names_of_freefem_are_what_the_library_has_undeclared():
      "twice"),
     ("rectangle(0., 2., 0., 1.);", "rectangle(0., 1e400, 0., 1.);", "finite"),
 ])
-@pytest.mark.some(12)
+@pytest.mark.some(2)
 def test_what_freefem_trips_over(said, old, new, words):
     message = said((old, new))
     assert words in message
@@ -520,6 +520,7 @@ def _of_size(tmp_path, h: str, **options):
     return freefem.export(path, tmp_path / "export", parameters, **options)
 
 
+@pytest.mark.slow
 def test_a_small_size_that_memory_holds_is_only_counted(tmp_path):
     """And what can be done while FreeFEM works is done in the second try as well."""
     seen = []
@@ -652,7 +653,7 @@ MESHED = (('include "scene.idp"', 'include "scene.idp"\ninclude "gmsh.idp"'),
     (GEO + "Mesh.RecombineAll = 1;", "elements that are no straight edges and triangles"),
     (GEO.replace("{2, 1, 0, h}", "{2, 1, 0.1, h}").replace("{0, 1, 0, h}", "{0, 1, 0.1, h}"),
      "points at different z")])
-@pytest.mark.some(4)
+@pytest.mark.some(2)
 def test_what_gmsh_makes_is_judged(said, tmp_path, geo, words):
     (tmp_path / "mine.geo").write_text(geo)
     assert words in said(*MESHED, parameters={"steps": "2"})
@@ -691,7 +692,7 @@ def test_triangles_of_a_small_size_are_foretold_by_how_their_number_grows(order)
     "contact() 9", "contact() 1 //\nmacro load2() traction(9, 0., 1.)",
     "contact() 1 //\nmacro contactPair() 3, 9", "contact() 1 //\nmacro probeLabels() [9]",
     "contact() 1 //\nmacro foundation() 9 //\nmacro foundationNormal() 1."])
-@pytest.mark.some(3)
+@pytest.mark.some(1)
 def test_labels_of_lines_inside_a_body(said, declared):
     """Two layers in one mesh: the line between them is a boundary of nothing, though a cut along it
     would make one of it. With the line dropped the label is none.

@@ -94,6 +94,7 @@ CASES = [pytest.param(scene, element, id=f"{name}-{element}",
          for element in elements]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene, element", CASES)
 @pytest.mark.some(1)
 def test_scenes_may_use_every_local_name_of_the_library(tmp_path, scene, element):

@@ -57,7 +57,7 @@ CASES = {"grid": (GRID, "1", MOVES, {}), "quadratic": (GRID, "1", STANDS, {"elem
 
 
 @pytest.mark.parametrize("name", CASES)
-@pytest.mark.some(3)
+@pytest.mark.some(1)
 def test_an_export_elsewhere_differs_by_its_place(built, named_scene, name):
     """To rounding, beside the places, which beside the bodies' are those of the curve."""
     body, contact, more, options = CASES[name]

@@ -75,6 +75,7 @@ def body(problem) -> dict:
 
 
 @pytest.mark.parametrize("factor, cut", [(2, 1), (0.5, 3), (0.3, 7)])
+@pytest.mark.some(1)
 def test_elements_are_so_many_times_as_long(scene, built, factor, cut):
     """A triangle's area goes with the square, to the quarter of a length that adaptmesh may be off
     where sizes change; outline, labels and regions stay, but for what a

@@ -80,7 +80,7 @@ def content(directory) -> tuple:
     (("friction", "load1", "quasistatic"),
      (("macro friction() F //\n", ""), ("quasistatic(1.);", ""),
                                             (DRIVEN[0][1].split("\n")[0], "")))])
-@pytest.mark.some(4)
+@pytest.mark.some(2)
 def test_what_is_left_out_is_as_if_undeclared(tmp_path, variant, without, changes):
     """Records and manifest are those of the scene's text without the declarations, to the last bit.
 

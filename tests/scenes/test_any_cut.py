@@ -146,7 +146,7 @@ def test_hundreds_of_subdomains_and_odd_ones(solved, one_mesh, scene, options, c
     ("hard/pieces", {"element": "P2-mixed", "layout": "scattered"}, (1, 7, "piece")),
     ("model", {}, (3, 60, 64)),  # of 64 triangles
 ], ids=lambda value: value if isinstance(value, str) else "")
-@pytest.mark.some(3)
+@pytest.mark.some(1)
 def test_a_sample_of_cuts(solved, one_mesh, scene, options, cuts):
     runs = compare(solved, one_mesh(scene), {**options, **OPTIONS[scene], "steps": 2}, cuts)
     if scene == "model":  # METIS alone fills 6 of 60 parts

@@ -359,7 +359,7 @@ def test_hertz(solved):
 # ------------------------------------------------------------------------------ friction and signs
 
 @pytest.mark.parametrize("subdomains, element", [("4x2", "P2"), ("5", "P2"), ("5", "P2-mixed")])
-@pytest.mark.some(2)
+@pytest.mark.some(1)
 def test_model_equals_the_dense_solution(solved, built, subdomains, element):
     options = {"loading": "nonmonotone", "cells": 3, "steps": 6, "subdomains": subdomains,
                "element": element}

@@ -30,7 +30,7 @@ def nodal_error(run, exact) -> float:
     {"tilt": 10, "element": "P2"}, {"tilt": -12, "ratio": 0.6, "subdomains": "3x2",
                                     "element": "P2"},
     {"tilt": 5, "ratio": 2.7, "subdomains": 9, "element": "P2"}], ids=str)
-@pytest.mark.some(5)
+@pytest.mark.some(2)
 def test_contact_patch_test(solved, options):
     """Constant stress passes between any two meshes; what remains is the QP's tolerance over its
     conditioning.
@@ -218,7 +218,7 @@ def test_side_that_faces_nothing(solved, tmp_path):
 
 @pytest.mark.parametrize("angle", [0, 20, 26.5])
 @pytest.mark.parametrize("subdomains", ["4x2", "5"])
-@pytest.mark.some(3)
+@pytest.mark.some(1)
 def test_block_rests_on_a_slope(solved, angle, subdomains):
     """Friction angle of F = 0.5: 26.565 degrees. Weight per thickness 7850 * 9.81 * 0.4 * 0.2."""
     run = solved("slope", angle=angle, subdomains=subdomains)
@@ -255,7 +255,7 @@ def resultant_between(run, step=-1):
 
 @pytest.mark.parametrize("options", [{}, {"angle": 25, "friction": 0.35, "subdomains": 3},
                                      {"element": "P2"}])
-@pytest.mark.some(2)
+@pytest.mark.some(1)
 def test_wedge_force_ratio(solved, options):
     """Once all slides: H/V = (F + tan)/(1 - F tan), to the tolerance of balance and fixed point."""
     run = solved("wedge", **options)

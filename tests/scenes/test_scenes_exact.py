@@ -16,7 +16,7 @@ TIGHT = 1e-13  # of the QP, so that what is left is rounding
     dict(subdomains="4x2"), dict(subdomains="4x2", angle=30), dict(subdomains="7", angle=0),
     dict(subdomains="7", angle=-137.5), dict(subdomains="1x1"),
 ], ids=str)
-@pytest.mark.some(3)
+@pytest.mark.some(1)
 def test_patch_is_exact(solved, options):
     run = solved("patch", cells=6, rtol=TIGHT, **options)
     assert run.status == 0
@@ -46,6 +46,7 @@ MODULUS = 210e3 * (1 - 0.3) / ((1 + 0.3) * (1 - 2 * 0.3))  # of a bar that keeps
 
 
 @pytest.mark.parametrize("gap", [GAP, 0.0, -0.002])
+@pytest.mark.some(1)
 def test_bar_against_a_gap(solved, gap):
     run = solved("bar", gap=gap, cells=4, rtol=TIGHT)
     assert run.status == 0

@@ -95,6 +95,7 @@ def test_hertz_quantities_converge_to_the_closed_form(solved):
 
 
 @pytest.mark.parametrize("subdomains", ["3", "4x2"])
+@pytest.mark.some(1)
 def test_hertz_does_not_depend_on_the_partition(solved, subdomains):
     options = dict(h=0.004, rtol=1e-11)
     one, other = (solved("hertz", subdomains=s, **options).contact for s in ("8", subdomains))

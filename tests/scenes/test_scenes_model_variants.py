@@ -41,6 +41,7 @@ def assert_same(run, expected):
 
 
 @pytest.mark.parametrize("loading", ["monotone", "nonmonotone"])
+@pytest.mark.some(1)
 def test_tresca(solved, built, loading):
     expected = box_history(built("model-tresca", reduce=False, loading=loading), tresca=True)
     run = solved("model-tresca", LOADING=loading, **TIGHT)
@@ -54,6 +55,7 @@ def test_tresca(solved, built, loading):
 
 
 @pytest.mark.parametrize("loading", ["monotone", "nonmonotone"])
+@pytest.mark.some(1)
 def test_frictionless(solved, built, loading):
     expected = box_history(built("model-frictionless", reduce=False, loading=loading), tresca=False)
     run = solved("model-frictionless", LOADING=loading, **TIGHT)

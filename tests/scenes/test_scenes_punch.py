@@ -83,6 +83,7 @@ class OnSymmetryLine(Assembled):
 
 
 @pytest.mark.parametrize("indentation", [0.01, 0.03])
+@pytest.mark.some(1)
 def test_friction_against_dense_fixed_point(solved, built, constant, indentation):
     """F falls along the punch.
 
@@ -164,6 +165,7 @@ def dense_history(body, amplitudes, argument):
 
 
 @pytest.mark.parametrize("law", LAWS)
+@pytest.mark.some(1)
 def test_slip_dependent_friction(solved, exported, read, tmp_path_factory, law):
     """The punch goes in and half out again, so that the way slid and the displacement are not the
     same.

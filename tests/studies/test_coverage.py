@@ -55,6 +55,7 @@ def test_the_document_counts_the_prices_of_the_table():
 
 
 @pytest.mark.parametrize("name, figure", [("coverage", coverage_figure), ("prices", prices_figure)])
+@pytest.mark.some(1)
 def test_pictures_of_the_reference_are_those_of_its_tables(tmp_path, name, figure):
     shutil.copy(REFERENCE.with_name(f"{name}.csv"), tmp_path)
     figure.draw(tmp_path / f"{name}.csv")

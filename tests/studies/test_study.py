@@ -185,6 +185,7 @@ macro amplitude1(t)"""), ("traction(2, 3e7, 5e7)", "traction(2, size*3e7*y, 0.)"
 
 @pytest.mark.parametrize("options", [{"cells": "3"}, {"cells": "2", "element": "P2",
                                                        "subdomains": "5"}])
+@pytest.mark.some(1)
 def test_loads_and_prescribed_displacements_agree_with_single_runs(made, solved, variant, options):
     """Each kind on the pieces of a rectangle and on a graph partition; values that only multiply
     patterns, as well as values that shift them."""
@@ -333,7 +334,7 @@ macro initialY() (shift*y) //"""),)
     ("bracket", "play", ["0.01", "0.03"], {"element": "P2"}),
     ("stack", "friction", ["0.3", "0.6"], {}),
 ])
-@pytest.mark.some(3)
+@pytest.mark.some(1)
 def test_contact_data_of_a_later_value_are_those_of_a_first_one(tmp_path, variant, scene, name,
                                                                 values, options):
     """Contact nodes are found for the first value only, what a value changes for each: the same to
@@ -403,6 +404,7 @@ def test_a_value_without_solution_is_reported_and_the_others_kept(tmp_path):
     assert [row["converged"] for row in rows] == ["no", "no"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene, name, values, options", [
     ("worn-pad", "wear", ("1e-5", "2e-4"), {"cells": "3", "steps": "6"}),
     pytest.param("flange", "exponent", ("0.6", "2.5"), {"h": "4", "asperities": "1e5"},
@@ -432,6 +434,7 @@ def test_surfaces_that_wear_or_yield_agree_with_single_runs(made, solved, scene,
 
 
 @pytest.mark.parametrize("values", ["0.1,0.3", "0.3,0.1"])
+@pytest.mark.some(1)
 def test_corners_that_open_do_not_change_what_other_values_find(made, solved, named_scene, values):
     """The vertex of two boundaries with cohesion, of which one lets go: rows kept apart in one
     state are as they were in the next, for other steps and other values.

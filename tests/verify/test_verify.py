@@ -64,7 +64,7 @@ def test_shrink_fit_is_the_limit_of_a_rigid_shaft():
 @pytest.mark.parametrize("number", [
     pytest.param(number, marks=[pytest.mark.slow] * (number % 8 > 0))  # an eighth by default
     for number in range(len(FAST))])
-@pytest.mark.some(2)
+@pytest.mark.some(1)
 def test_fast_cases_are_met(number, tmp_path):
     """Linear and quadratic elements in turn; make test-long has both for all."""
     rows, curves = suite.judge(FAST[number], ELEMENTS[number % 2:][:1], tmp_path)
