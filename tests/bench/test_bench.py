@@ -113,6 +113,7 @@ def test_a_run_that_fails_is_no_measurement(bench):
         march(bench.problem("4x2", cells=4), max_fixed_point=1)
 
 
+@pytest.mark.slow
 def test_message_volume_and_counts_do_not_depend_on_who_measures(bench):
     one, two = (ranks.run(bench, "4x2", 4, p, 1)[0] for p in (1, 2))
     assert one["counts"] == two["counts"]

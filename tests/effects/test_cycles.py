@@ -193,6 +193,7 @@ def test_a_little_shear_shakes_down_at_once(solved, named_scene):
 
 # ---------------------------------------------------------------------------- wear and jumps
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wears", [1e-4, 1e-12])
 @pytest.mark.some(1)
 def test_steady_wear_is_jumped_over_exactly(solved, named_scene, wears):

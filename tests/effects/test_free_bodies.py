@@ -743,6 +743,7 @@ def test_a_body_that_slides_off_is_told_where_to(solved, tmp_path, text, options
     assert run.status == 3 and re.search(way, run.reason)
 
 
+@pytest.mark.slow
 def test_friction_that_falls_with_the_way_holds_a_body_again(solved, tmp_path):
     """On the way of successive approximations it runs off so far that its friction holds it no
     more; from that of rest both cuts come to one answer, to a hundred residuals of 1e-8.

@@ -97,6 +97,7 @@ def boundaries(run) -> dict:
 
 # ---- statics -------------------------------------------------------------------------------------
 
+@pytest.mark.slow
 @pytest.mark.parametrize("obstacle, options", [
     (SLOPE, {}), pytest.param("", {"subdomains": 5, "element": "P2"}, marks=pytest.mark.slow),
     pytest.param(SLOPE, {"subdomains": 3, "element": "P2-mixed"}, marks=pytest.mark.slow)])
@@ -129,6 +130,7 @@ def test_a_block_climbs_a_slope(solved, scene, obstacle, options):
                                atol=1e-6 * np.abs(sigma).max())
 
 
+@pytest.mark.slow
 def test_the_first_steps_under_a_moving_obstacle(solved, scene):
     """Contact that follows has distances of one time, obstacles have places of all."""
     moved, back = (solved(scene(PATH, ("WHAT MOVES", what)), steps=4, **TIGHT)

@@ -40,6 +40,7 @@ def test_a_translation_of_one_body_leaves_the_result(solved):
     assert np.abs(first / exact - 1).max() < apart["initial"].max()
 
 
+@pytest.mark.slow
 def test_either_side_may_have_the_contact_nodes(solved):
     """Once both boundaries lie on each other their normals agree, and so do the forces to second
     order in h/R = 0.05.

@@ -191,6 +191,7 @@ def edges_of(subdomains, label):
     return np.concatenate([s.xy[s.edges[s.edge_label == label]] for s in subdomains])
 
 
+@pytest.mark.slow
 def test_bodies_from_gmsh_that_are_moved_keep_their_curves(adapted):
     """The lower disc is turned round after gmsh has made it: where gmsh meshes, the sizes are not
     what belongs there.

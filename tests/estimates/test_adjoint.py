@@ -150,6 +150,7 @@ def test_the_adjoint_speaks_alone_where_meshes_tell_no_order(error, slack, expec
     assert part.error == pytest.approx(expected)
 
 
+@pytest.mark.slow
 def test_a_run_says_what_its_adjoint_problems_took_and_holds_its_claims(solved):
     """Hertz' peak: companions that have few nodes in contact claim 17 %; it errs by 1.7 %."""
     errors = solved("hertz", h="0.004", errors="yes").summary["errors"]

@@ -256,6 +256,7 @@ def test_smoothed_stresses_that_miss_most_of_the_error_leave_no_claims(energy, s
     assert set(found) == ({"normal_resultant", "slip"} if blind else set())
 
 
+@pytest.mark.slow
 def test_a_mesh_on_which_smoothed_stresses_are_blind_is_said_to_be_too_coarse(solved,
                                                                               named_scene):
     """Two elements in the height of a pad that slides as a whole: 12 % off, 1.3 % by its adjoint
@@ -362,6 +363,7 @@ def test_parts_add_up_and_values_are_the_runs(solved):
     assert not (run.directory / "companions").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("source, change", [
     pytest.param("mesh", {"cells": 24}, marks=pytest.mark.slow),  # a fine mesh
     ("time", {"steps": 32}),

@@ -320,6 +320,7 @@ def test_products_hardly_grow_with_the_number_of_subdomains(solved, loading):
     assert large["dual_multiplications_setup"] <= 200 and small["dual_multiplications_setup"] <= 200
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("left_out", [{"preconditioner": "dirichlet"}, {"expansion": "cg"},
                                       {"corrector": "none"}],
                          ids=lambda option: "-".join(*option.items()))

@@ -158,6 +158,7 @@ def test_ranks_share_out_what_one_rank_does_alone(program, exported):
             exported("joint", subdomains="9"), exported("hard/pieces"))
 
 
+@pytest.mark.slow
 def test_a_rank_without_subdomains_knows_quadratic_sides(program, exported):
     """Whose middles it has none of, as it has no edges. It had ended the run."""
     program(3, exported("tutorial", subdomains="2", element="P2"))

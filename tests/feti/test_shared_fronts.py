@@ -62,6 +62,7 @@ print("same", flush=True)
 
 
 # slow: more ranks than the machine has cores, and than there is work for
+@pytest.mark.slow
 @pytest.mark.parametrize("ranks", [2, *(pytest.param(n, marks=pytest.mark.slow) for n in (3, 7))])
 def test_any_number_of_ranks_makes_the_same_fronts(tmp_path, exported, ranks):
     """A grid, a metis cut of several materials, mortar rows of two bodies."""

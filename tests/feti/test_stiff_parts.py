@@ -123,6 +123,7 @@ def test_rows_that_hand_on_forces_have_the_level_of_the_stiffest_body(built, nam
     assert (level[contact.normal_row[apart]] == 0).all()
 
 
+@pytest.mark.slow
 def test_cuts_agree_on_forces_that_a_stiff_block_hands_on(solved, named_scene):
     """Those of the vertex differed by a percent: a millionth of the soft block's displacements is
     what its forces deform the stiff one by. A node's error ten times residuals of 1e-6, of two.

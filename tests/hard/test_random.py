@@ -363,6 +363,7 @@ def test_refusals_are_confirmed(problem, push, holds):
     assert shown != holds and ("has a solution" in why) == holds
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("modes", [0, 1, 3])
 @pytest.mark.some(1)
 def test_states_are_searched_as_if_all_were_tried(modes):
@@ -390,6 +391,7 @@ def test_states_are_searched_as_if_all_were_tried(modes):
     assert (none > 0) == (modes > 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("modes, solved", [(1, 30), (3, 8)])
 @pytest.mark.some(1)
 def test_limits_of_forces_exclude_no_states(modes, solved):

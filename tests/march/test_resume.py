@@ -175,6 +175,7 @@ def test_stopped_refinement_goes_on(tmp_path, every_step, stop_after):
     assert found == whole and hidden(tmp_path) == []
 
 
+@pytest.mark.slow
 def test_body_without_support_goes_on(tmp_path, every_step, stop_after):
     """Its rigid motion is part of what is kept."""
     scene = tmp_path / "sledge.edp"

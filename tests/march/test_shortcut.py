@@ -42,6 +42,7 @@ def test_slow_approximations_are_cut_short(solved, monkeypatch):
     assert np.abs(forces(short) - forces(long)).max() <= 1e-5 * np.abs(forces(long)).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene, words, most", [
     ("tutorial", DRAGGED, 60),
     ("joint", {"h": 0.14, "steps": 2, "subdomains": 7, "uniqueness": "no"}, 15)])
@@ -240,6 +241,7 @@ def test_the_price_counts_free_rows(built, steps_of):
     assert way._price(x) == pytest.approx(newton, rel=1e-12) and way._price(0 * x) == 0
 
 
+@pytest.mark.slow
 def test_steps_after_an_elimination_begin_with_newton(built, steps_of, monkeypatch):
     """Four products each, that of the start, one for the gluing multipliers, one that shows the
     residual and one that says what forces miss, where they took sixty; the answer is the same.

@@ -193,6 +193,7 @@ def test_contact_has_all_digits_under_friction_that_slip_changes(built, steps_of
     assert max(max(step.residuals.values()) for step in steps) <= 1e-6
 
 
+@pytest.mark.slow
 def test_rows_are_judged_by_the_friction_that_they_were_corrected_for(built, steps_of, named_scene,
                                                                       monkeypatch):
     """A node inside a bound that has changed by rounding would count as one that sticks: on some
@@ -273,6 +274,7 @@ def test_springs_that_hold_bodies_are_in_no_residual_of_refined_displacements(
         assert reported == pytest.approx(-step.gradient[rows.normal], abs=1e-6 * 2e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.some(1)
 def test_refined_displacements_are_those_of_factors_but_for_rounding(built, steps_of, named_scene,

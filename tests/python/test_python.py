@@ -99,6 +99,7 @@ def test_no_finished_run_to_open(tmp_path):
         driver.open(tmp_path / "summary.json")
 
 
+@pytest.mark.slow
 def test_the_bar_follows_every_step(tmp_path, capsys, monkeypatch):
     seen = []
 

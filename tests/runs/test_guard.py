@@ -138,6 +138,7 @@ def test_a_link_to_a_run_stays_and_the_run_is_replaced(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "real"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", [("FIGURES=yes", "FIELDS=yes"), ("ADAPT=1", "SCENE=bracket"),
                                    ("MAX_FIXED_POINT=1",)], ids=["all", "adapted", "partial"])
 @pytest.mark.some(1)

@@ -445,6 +445,7 @@ def test_large_friction_is_solved(solved, friction):
 
 # -------------------------------------------------------------------------- work of friction
 
+@pytest.mark.slow
 def test_dissipated_energy_is_of_second_order_in_the_step(solved):
     # the rule of the implicit Euler method errs by 18, 9, 5 % with 10, 20, 40 steps
     lost = {steps: solved("model", loading="nonmonotone", steps=steps).summary["dissipated"]

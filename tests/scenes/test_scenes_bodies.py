@@ -304,6 +304,7 @@ def test_two_cylinders_at_the_shipped_mesh(solved):
     assert width < 0.01 and peak < 0.01 and shape < 0.03
 
 
+@pytest.mark.slow
 def test_two_cylinders_of_quadratic_elements(solved):
     """On elements twice as large; bows left out, pressures would wiggle by h/a from node to node.
     """

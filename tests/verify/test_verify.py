@@ -61,6 +61,7 @@ def test_shrink_fit_is_the_limit_of_a_rigid_shaft():
     assert stiff == pytest.approx(210e3 / 1.3 * A / 0.4 * (45**2 / 30**2 - 1), rel=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [
     pytest.param(number, marks=[pytest.mark.slow] * (number % 8 > 0))  # an eighth by default
     for number in range(len(FAST))])
@@ -78,6 +79,7 @@ def test_all_cases_are_met(tmp_path):
     assert (tmp_path / "report.csv") in made
 
 
+@pytest.mark.slow
 def test_a_number_that_misses_its_reference_is_said(tmp_path, monkeypatch, capsys):
     case = CASES["patch-moose"]
     wrong = Check("u_x of the free side", 4.3e-5, case.checks[0].value, 1e-5, "six digits")
