@@ -175,7 +175,7 @@ class FreeBodies:
         op, parts = self.operator, self.operator.rigid_parts
         placed = (parts.coefficients(op.deformations(x, load.weights, refined=op.uneven))
                   + op.structure.travel.of(load.weights))
-        turn = np.array([parts.bodies.coefficients(mode) for mode in op.structure.rigid_modes]).T
+        turn = free_motions.of_bodies(parts.bodies, op.structure.rigid_modes)
         gram = block_diag(*parts.gram)
         # motions whitened: |z|^2 is the square of int |motion|^2
         whiten = np.linalg.inv(np.linalg.cholesky(turn.T @ gram @ turn)).T

@@ -13,8 +13,10 @@ import numpy as np
 
 from .gathering import largest
 from .reduction import LocalClass
+from .rigid_modes import RigidMode
 from .rows import RowKind
 from .structure import Substructure
+from .travel import Bodies
 from .vectors import DualVectors
 
 # displacement of a row under a motion of norm one at the corners, up to which it is rounding: as of
@@ -36,7 +38,7 @@ def displacements(structure: Substructure, classes: list[LocalClass], vectors: D
     together = _together(structure) if motions and structure.contact.paired.all() else None
     if together is None or not together.size:
         return motions
-    columns, turn = np.array(motions).T, _of_bodies(structure)
+    columns, turn = np.array(motions).T, of_bodies(structure.travel.bodies, structure.rigid_modes)
     opens = structure.row_kind != RowKind.TANGENTIAL
     largest_of = [largest(comm, np.abs(moved[opens]).max(axis=0, initial=0.0))
                   for moved in (columns, columns @ together)]
@@ -48,15 +50,15 @@ def displacements(structure: Substructure, classes: list[LocalClass], vectors: D
     return list(np.ascontiguousarray(columns.T))
 
 
-def _of_bodies(structure: Substructure) -> np.ndarray:
-    """(3 bodies, modes) the rigid modes as in Bodies.rigid."""
-    bodies = structure.travel.bodies
-    return np.array([bodies.coefficients(mode) for mode in structure.rigid_modes]).T
+def of_bodies(bodies: Bodies, modes: list[RigidMode]) -> np.ndarray:
+    """(3 bodies, modes) rigid modes as in Bodies.rigid, body by body."""
+    return np.array([bodies.coefficients(mode) for mode in modes]).T
 
 
 def _together(structure: Substructure) -> np.ndarray:
     """(modes, c) combinations of rigid modes by which all bodies move as one."""
-    turn, bodies = _of_bodies(structure), structure.travel.bodies
+    bodies = structure.travel.bodies
+    turn = of_bodies(bodies, structure.rigid_modes)
     away = bodies.center - bodies.center.mean(axis=0)
     one = np.zeros((len(away), 3, 3))
     one[:, 0, 0] = one[:, 1, 1] = 1.0
