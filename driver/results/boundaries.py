@@ -8,7 +8,7 @@ between nodes as those of the whole scene, see quantities.py.
 import numpy as np
 
 from ..contact.states import OPEN, SLIP, ContactField
-from .quantities import chains, contact_length, longest_ways, peak, traction
+from .quantities import chains, contact_length, largest_pressure, longest_ways
 from .tables import BOUNDARIES
 
 WORK = "work"  # of friction, beside the names of ContactField
@@ -60,9 +60,8 @@ def _one_boundary(boundary, states: dict[str, np.ndarray], label: int, share: np
     slip = np.max([longest_ways(nodes, piece, states) for piece in pieces], axis=0)
     rows = []
     for k in range(len(pressure)):
-        highest = max(peak(nodes["arc"][piece], traction(nodes, np.abs(pressure[k]), piece))
-                      for piece in pieces)
-        values = (pressure[k] @ weight, shear[k] @ weight, *force[k], highest,
+        values = (pressure[k] @ weight, shear[k] @ weight, *force[k],
+                  largest_pressure(nodes, pieces, pressure[k]),
                   contact_length(nodes, pieces, states, k), slip[k], dissipated[k])
         rows.append((label, *map(float, values)))
     return rows

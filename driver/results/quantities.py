@@ -55,9 +55,8 @@ def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[st
     normal = resultant(shares, pressure, weight)
     carried = np.abs(pressure) @ weight  # bilateral contact may push and pull alike
     index = _moment(carried if carried.any() else displacement)
-    size = np.abs(pressure[index])
-    peaks = [peak(nodes["arc"][piece], traction(nodes, size, piece)) for piece in pieces]
-    values = {"peak_pressure": max(peaks), "normal_resultant": normal[index],
+    values = {"peak_pressure": largest_pressure(nodes, pieces, pressure[index]),
+              "normal_resultant": normal[index],
               "contact_length": contact_length(nodes, pieces, steps, index),
               "displacement": displacement[index]}
     if effects.frictional:
@@ -149,6 +148,14 @@ def is_ring(nodes: dict, piece: np.ndarray) -> bool:
     """Whether the last node of a piece is the neighbour of its first."""
     side, closing = np.diff(nodes["arc"][piece]), np.subtract(*nodes["xy"][piece[[0, -1]]])
     return len(piece) > 2 and float(np.linalg.norm(closing)) < 1.5 * side.max()
+
+
+def largest_pressure(nodes: dict, pieces: list[np.ndarray], pressure: np.ndarray) -> float:
+    """Largest |pressure| (n,) on the nodes' `pieces`, between nodes and at ends from inside."""
+    if not len(pressure):
+        return 0.0
+    size = np.abs(pressure)
+    return max(peak(nodes["arc"][piece], traction(nodes, size, piece)) for piece in pieces)
 
 
 def traction(nodes: dict, pressure: np.ndarray, piece: np.ndarray) -> np.ndarray:

@@ -57,6 +57,9 @@ GEOMETRIES = Column("geometries", "1", "contact geometries of the step, where co
 LABEL = Column("boundary", "1", "label of the contact boundary, where there are several; at a node "
                "in which one goes on in another that of the longer part")
 
+PEAK = Column("peak_pressure", "stress", "largest contact pressure, located between nodes; "
+              "of bilateral contact the largest |sigma_n|")
+
 HISTORY = (
     *STEP,
     Column("amplitude_{}", "1", "factor of the load with this number"),
@@ -78,8 +81,7 @@ HISTORY = (
     *(Column(f"nodes_{name}", "1", f"contact nodes with status {name}") for name in STATUS_NAMES),
     Column("contact_length", "length", "lengths of the dual segments in contact, summed"),
     Column("max_displacement", "length", "largest |u| of a node"),
-    Column("peak_pressure", "stress", "largest contact pressure of a node; of bilateral "
-           "contact the largest |sigma_n|"),
+    PEAK,
     Column("dissipated", ENERGY, "work that friction has taken since time 0"),
     Column("kkt_{}", "1", "relative residual of this part of the KKT conditions"),
 )
@@ -91,8 +93,7 @@ BOUNDARIES = (
     Column("tangential_resultant", FORCE, "shear traction sigma_t summed over the boundary"),
     Column("force_x", FORCE, "contact force on the body that carries the contact nodes"),
     Column("force_y", FORCE, "contact force on the body that carries the contact nodes"),
-    Column("peak_pressure", "stress", "largest contact pressure, located between nodes; "
-           "of bilateral contact the largest |sigma_n|"),
+    PEAK,
     Column("contact_length", "length", "length in contact, its edges located between nodes"),
     Column("slip", "length", "longest way that a point has slid in contact since time 0"),
     Column("dissipated_energy", ENERGY, "work that friction has taken since time 0"),

@@ -138,7 +138,7 @@ class Writer:
         row |= {f"nodes_{name}": int(count) for name, count in zip(STATUS_NAMES, counts)}
         row |= {"contact_length": float(boundary.length[touching].sum()),
                 "max_displacement": self.record.displacements[-1],
-                "peak_pressure": float(np.abs(sigma_n).max(initial=0)),
+                "peak_pressure": self.record.largest_pressure(),
                 "dissipated": self.dissipated}
         if boundary.following is not None:
             row["geometries"] = step.geometries
