@@ -4,22 +4,34 @@
 #
 # FreeFEM's own gmshload stops at triangles that run clockwise or are smaller than 1e-8 in the
 # scene's units. What is wrong goes to the standard error, in a word or two: elements of another
-# kind, nodes at different z, physical surfaces or curves that share elements, or the place where
-# two nodes are.
+# kind, nodes at different z, a physical curve that leads from triangles to where there are none,
+# physical surfaces or curves that share elements, or the place where two nodes are.
 /^[$]/ {part = $1 == "$Nodes" ? 1 : $1 == "$Elements" ? 2 : 0; next}
-part == 1 && NF == 4 {number[$1] = ++nodes; X[nodes] = $2; Y[nodes] = $3; Z[nodes] = $4; next}
+part == 1 && NF == 4 {
+  # numbers, as a text is turned into one each time it is used; places are printed as they are given
+  number[$1 + 0] = ++nodes
+  X[nodes] = $2 + 0; Y[nodes] = $3 + 0; Z[nodes] = $4 + 0; place[nodes] = $2 " " $3
+  next
+}
 part != 2 || NF < 5 {next}
 $2 == 2 {
-  a = number[$(NF - 2)]; b = number[$(NF - 1)]; c = number[$NF]
-  if ((X[b] - X[a])*(Y[c] - Y[a]) < (X[c] - X[a])*(Y[b] - Y[a])) {d = b; b = c; c = d}
+  a = number[$(NF - 2) + 0]; b = number[$(NF - 1) + 0]; c = number[$NF + 0]; x = X[a]; y = Y[a]
+  if ((X[b] - x)*(Y[c] - y) < (X[c] - x)*(Y[b] - y)) {d = b; b = c; c = d}
   triangle[++triangles] = a " " b " " c " " $4
+  # gmsh numbers the nodes of curves first
+  if (a <= last) delete bare[a]
+  if (b <= last) delete bare[b]
+  if (c <= last) delete bare[c]
   if ($5 != face || $4 != region) {
     again = again || ($5 in surface); surface[$5]; face = $5; region = $4
   }
   next
 }
 $2 == 1 {
-  edge[++edges] = number[$(NF - 1)] " " number[$NF] " " $4
+  a = number[$(NF - 1) + 0]; b = number[$NF + 0]; bare[a]; bare[b]
+  if (a > last) last = a
+  if (b > last) last = b
+  edge[++edges] = a " " b " " $4
   if ($5 != arc || $4 != label) {
     again = again || ($5 in curve); curve[$5]; arc = $5; label = $4
   }
@@ -30,7 +42,7 @@ function measure(  i, count) {
   # where the nodes are, and whether two are in one place
   left = right = X[1]; bottom = top = Z[1]; twice = ""
   for (i = 1; i <= nodes; ++i) {
-    if (count[X[i], Y[i]]++) twice = "(" X[i] ", " Y[i] ")"
+    if (count[place[i]]++) {twice = "(" place[i] ")"; sub(" ", ", ", twice)}
     if (X[i] < left) left = X[i]
     if (X[i] > right) right = X[i]
     if (Z[i] < bottom) bottom = Z[i]
@@ -45,7 +57,7 @@ function leave_out(  i, at, used, n, part) {
     used[part[1]]; used[part[2]]; used[part[3]]
   }
   for (i = 1; i <= nodes; ++i)
-    if (i in used) {at[i] = ++n; X[n] = X[i]; Y[n] = Y[i]; Z[n] = Z[i]}
+    if (i in used) {at[i] = ++n; X[n] = X[i]; Z[n] = Z[i]; place[n] = place[i]}
   nodes = n
   for (i = 1; i <= triangles; ++i) {
     split(triangle[i], part, " ")
@@ -55,6 +67,7 @@ function leave_out(  i, at, used, n, part) {
   for (i = 1; i <= edges; ++i) {
     split(edge[i], part, " ")
     if (part[1] in at && part[2] in at) edge[++n] = at[part[1]] " " at[part[2]] " " part[3]
+    else if (part[1] in at || part[2] in at) loose = "loose " part[3]
   }
   edges = n
 }
@@ -81,14 +94,16 @@ function shared(  i, k, low, high, part, of, found) {
 }
 END {
   # what stands apart costs no time where nothing says that there is any
+  for (i in bare) apart = 1
   if (measure() || apart) {leave_out(); measure()}
   print nodes + 0, triangles + 0, edges + 0
-  for (i = 1; i <= nodes; ++i) print X[i], Y[i], 0
+  for (i = 1; i <= nodes; ++i) print place[i], 0
   for (i = 1; i <= triangles; ++i) print triangle[i]
   for (i = 1; i <= edges; ++i) print edge[i]
   if (again) again = shared()
   if (other) print "kind" > "/dev/stderr"
   else if (top - bottom > 1e-6*(right - left)) print "deep" > "/dev/stderr"
+  else if (loose) print loose > "/dev/stderr"
   else if (again) print again > "/dev/stderr"
   else if (twice) print twice > "/dev/stderr"
 }

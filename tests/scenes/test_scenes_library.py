@@ -155,6 +155,27 @@ Physical Point(1) = {5}; Physical Point(2) = {8}; Physical Curve(7) = {6};
         np.testing.assert_array_equal(column, runs[1].contact[name])
 
 
+def test_a_surface_that_no_physical_group_has_is_missed(solved, scene, tmp_path):
+    """Its curves hang on the body, or stand apart, whatever else the file draws."""
+    curves = GEO.replace("Physical Surface(1) = {1};\n", "").replace("Physical Curve(2) = {2};", "")
+    beside = """Point(6) = {3, 0, 0, h}; Point(7) = {3, 1, 0, h};
+Line(5) = {2, 6}; Line(6) = {6, 7}; Line(7) = {7, 3};
+Curve Loop(2) = {5, 6, 7, -2}; Plane Surface(2) = {2};
+Physical Curve(2) = {6};
+"""
+    said = {}
+    for name, more in (("hanging", "Physical Curve(5) = {5}; Physical Surface(1) = {1};"),
+                       ("apart", "Physical Surface(1) = {1};"),
+                       ("whole", "Physical Curve(5) = {5}; Physical Surface(1) = {1, 2};")):
+        (tmp_path / f"{name}.geo").write_text(curves + beside + more + "\n")
+        said[name] = solved(scene(extra='include "gmsh.idp"', load="pressure(2, 0.01)",
+                                  body=f'body = gmshBody("{name}.geo", 0.3);'))
+    assert [run.status for run in said.values()] == [2, 2, 0]
+    assert ("the physical curve 5 of hanging.geo leads to where there are no triangles"
+            in said["hanging"].reason)
+    assert "label 2" in said["apart"].reason
+
+
 def test_material_must_be_declared_and_stable(solved, scene, tmp_path):
     bare = tmp_path / "bare.edp"
     bare.write_text(scene().read_text().replace("macro young() 1. //\n", ""))
