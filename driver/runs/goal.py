@@ -204,7 +204,8 @@ class Search(Trials):
         values = self.values(second)
         self.name = self.name or main_quantity(values)
         if self.name not in values:
-            raise InputError(f"the scene has no quantity '{self.name}'; it has {', '.join(values)}")
+            raise InputError(f"ACCURACY is asked of '{self.name}', which is none of the scene's "
+                             f"quantities: {', '.join(values)}")
         while self.name in vanishing(values) and self.coarsening > 1:
             # where nothing slides yet on coarse meshes: up to twice as fine as the scene's own
             self.coarsening /= 2

@@ -415,7 +415,7 @@ def test_mistakes(solved, tmp_path):
     for options, said in ((dict(cells=3), "ACCURACY chooses CELLS itself"),
                           (dict(accuracy="2"), "expects a relative error"),
                           (dict(accuracy="1%,slip"),
-                           "has no quantity 'slip'; it has displacement")):
+                           "'slip', which is none of the scene's quantities: displacement")):
         run = solved("cantilever", **{"accuracy": "1%", **options})
         assert run.status == 2 and said in run.reason and "\n" not in run.reason, run.reason
     fixed, text = tmp_path / "fixed.edp", (
