@@ -1,6 +1,6 @@
 """The torn body as a rank knows it: its subdomains' dof sets and rows, and global numbers."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -55,6 +55,7 @@ class Substructure:
     outer_edges: np.ndarray  # (n, 3): gid, gid, label of the edges of the untorn body's boundary
     outer_middles: np.ndarray  # (n,) gids of their middles; empty with linear elements
     primal_dofs: int
+    support_jumps: list = field(default_factory=list)  # Jump of support_ends.py
     numbering: object = None  # of rows that are renewed, where contact follows the motion
 
     @property

@@ -8,6 +8,7 @@ from ..effects import Effects
 from ..feti.numbering import number
 from ..feti.skeleton import Skeleton
 from ..feti.structure import Substructure
+from ..feti.support_ends import SupportEnds
 from ..feti.supports import fixed_dofs
 from ..scene.loader import Subdomain
 from ..scene.manifest import Manifest
@@ -26,10 +27,14 @@ def build(manifest: Manifest, subdomains: list[Subdomain], first: int, comm,
     skeleton.check_connected()
     skeleton.check_overlap(np.unique([*manifest.contact_pairs,
                                       *([joint.first, joint.second] for joint in effects.joints)]))
-    fixed = fixed_dofs(manifest, subdomains, comm)
+    fixed, jumps = fixed_dofs(manifest, subdomains, comm), []
+    if fixed[1].any():
+        ends = SupportEnds(fixed, skeleton, manifest)
+        fixed, jumps = ends.fixed, ends.jumps
     sides = effects.paired_sides(subdomains, fixed, comm, moved)
     contact = contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm, sides)
     structure = number(manifest, subdomains, first, skeleton, fixed, contact, comm,
                        effects.frictional, effects.compliance(contact))
+    structure.support_jumps = jumps
     contact.corners = corner_pairs(contact, fixed[0], effects.yields(contact))
     return structure

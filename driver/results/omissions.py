@@ -41,6 +41,19 @@ def warnings(boundary: ContactBoundary, declared, displacements: list[float],
     return said
 
 
+def support_jumps(jumps: list) -> list[str]:
+    """A sentence where displacements of labels that meet differ, as Jump of support_ends.py."""
+    if not jumps:
+        return []
+    first = jumps[0]
+    others = ", ".join(str(label) for label in first.labels if label != first.label)
+    more = f", and {len(jumps) - 1} more" if len(jumps) > 1 else ""
+    return [f"displacements along {'xy'[first.component]} on the labels {first.label} and {others} "
+            f"differ by {first.size:.3g} where these meet, at ({first.place[0]:.3g}, "
+            f"{first.place[1]:.3g}){more}: the vertex moves otherwise than label {first.label} "
+            "says, and stresses and reactions there grow with every finer mesh"]
+
+
 def without_wear(record) -> list[str]:
     """A sentence if contact nodes slide that a support holds along the boundary: their surface is
     taken for one that does not wear.

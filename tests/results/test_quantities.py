@@ -573,8 +573,8 @@ def test_the_history_is_that_of_the_nodes(solved, element):
     The largest pressure is the same in all tables.
     """
     run = solved("model", STEPS=2, CELLS=3, ELEMENT=element)
-    peaks = run.history["peak_pressure"].tolist()
-    assert peaks == [float(v) for v in read_table(run.directory / "boundaries.csv")["peak_pressure"]]
+    peaks, table = run.history["peak_pressure"].tolist(), run.directory / "boundaries.csv"
+    assert peaks == [float(value) for value in read_table(table)["peak_pressure"]]
     assert peaks[-1] == run.summary["quantities"]["peak_pressure"]
     h, c = run.history, run.contact
     names = np.array(["open", "stick", "slip"])

@@ -1,0 +1,67 @@
+"""Where labels with prescribed displacements meet, the vertex moves as one of them says."""
+
+import numpy as np
+import pytest
+
+from driver.files import read_table
+
+BLOCK = '''include "scene.idp"
+subdomains("4x2");
+rectangle(0., 2., 0., 1.);
+quasistatic(1.);
+macro young() 1000. //
+macro poisson() 0.3 //
+macro support() on(1, u1 = 0., u2 = 0.) //
+{moved}
+macro probePoints() [0., 1., 2., 1.] //
+include "export.idp"
+'''
+TOP, SIDE = "on(3, u1 = 0.01, u2 = 0.)", "on(4, u1 = 0.02)"
+
+
+@pytest.fixture
+def corners(solved, tmp_path):
+    """Displacements (steps, 2 corners, 2) at both ends of the top, and the run's summary."""
+    count = iter(range(100))
+
+    def run(*moved: str, **options):
+        path = tmp_path / f"block{next(count)}.edp"  # runs are kept by the name of their scene
+        path.write_text(BLOCK.format(moved="\n".join(f"macro {one} //" for one in moved)))
+        found = solved(path, steps=2, **options)
+        table = read_table(found.directory / "probes.csv")
+        u = np.array([table["u_x"], table["u_y"]], float).T.reshape(2, 2, 2)
+        return u, [line for line in found.summary["warnings"] if "where these meet" in line]
+
+    return run
+
+
+@pytest.mark.parametrize("subdomains", ["1", "4x2", "7"])
+def test_a_vertex_of_two_labels_moves_as_the_higher_number_says(corners, subdomains):
+    """Not as their sum, which is what patterns of one label are."""
+    u, said = corners(f"displacement1() {TOP}", f"displacement2() {SIDE}", "amplitude2(t) t",
+                      subdomains=subdomains)
+    np.testing.assert_allclose(u[:, 0], [[0.01, 0.0], [0.02, 0.0]], atol=1e-15)
+    np.testing.assert_allclose(u[:, 1], [[0.01, 0.0]] * 2, atol=1e-15)
+    assert len(said) == 1 and "labels 1 and 4 differ by 0.02" in said[0] and "1 more" in said[0]
+    u, said = corners(f"displacement2() {TOP}", f"displacement1() {SIDE}", "amplitude1(t) t",
+                      subdomains=subdomains)
+    np.testing.assert_allclose(u[:, 0], [[0.01, 0.0]] * 2, atol=1e-15)
+
+
+def test_labels_that_move_alike_do_not_move_their_vertex_twice(corners):
+    """Numbers on the same side are added, as loads are; nothing jumps along the top."""
+    u, said = corners("displacement1() on(3, u1 = 0.01*y, u2 = 0.)",
+                      "displacement2() on(4, u1 = 0.01*y, u2 = 0.)")
+    np.testing.assert_allclose(u[:, :, 0], 0.01, atol=1e-15)
+    assert not said
+    u, _ = corners("displacement1() on(3, u1 = 0.01*y, u2 = 0.)",
+                   "displacement2() on(4, u1 = 0.01*y, u2 = 0.)",
+                   "displacement3() on(3, u1 = 0.005*y)", "amplitude3(t) t")
+    np.testing.assert_allclose(u[:, :, 0], [[0.0125] * 2, [0.015] * 2], atol=1e-15)
+
+
+def test_a_jump_beside_a_support_is_said(corners):
+    """The body is held below, and its side moves as a whole; a side that tilts is continuous."""
+    _, said = corners("displacement1() on(4, u1 = 0.01)")
+    assert len(said) == 1 and "along x on the labels 1 and 4 differ by 0.01" in said[0]
+    assert not corners("displacement1() on(4, u1 = 0.01*y)")[1]
