@@ -19,6 +19,7 @@ TINTS = ["#F1F1EC", "#DDE8F0", "#F3E6D8", "#E4EEDD", "#EFE1EC", "#E3E3E3"]  # of
 LINES = {"free": INK, "support": BLUE, "load": RED, "contact": GREEN, "pair": GREEN,
          "springs": SKY, "joined": ORANGE}
 ARROW, SHORTEST = 0.16, 0.2  # longest arrow over the body's size, shortest one over the longest
+FAINT = 1e-6  # part of the largest body force that is none
 RARE = 0.03  # share of the triangles from which on a material has a tint of its own
 
 
@@ -211,15 +212,18 @@ def _quiver(axes, tails: np.ndarray, arrows: np.ndarray, colour: str) -> None:
 
 
 def _weight(axes, run: Run, xy: np.ndarray, size: float) -> list:
-    """An arrow in every body in the direction of the body forces at amplitude one."""
-    force = np.sum([load["force"] for load in run.summary.get("loads", [])
-                    if load["effect"] == "body_force"] or [[0.0, 0.0]], axis=0)
-    if not force.any():
+    """An arrow in every body that body forces act on, in their direction at amplitude one."""
+    bodies = np.unique(run.first.body)
+    force = np.sum([load["bodies"] for load in run.summary.get("loads", [])
+                    if load["effect"] == "body_force"] or [np.zeros((len(bodies), 2))], axis=0)
+    length = np.linalg.norm(force, axis=1)
+    pulled = np.flatnonzero(length > FAINT * length.max())
+    if not len(pulled):
         return []
-    arrow = 0.1 * size * force / np.linalg.norm(force)
-    middles = np.array([xy[run.first.triangles[run.first.body == body]].mean(axis=(0, 1))
-                        for body in np.unique(run.first.body)])
-    _quiver(axes, middles - arrow / 2, np.tile(arrow, (len(middles), 1)), GREY)
+    arrows = 0.1 * size * force[pulled] / length[pulled, None]
+    middles = np.array([xy[run.first.triangles[run.first.body == bodies[k]]].mean(axis=(0, 1))
+                        for k in pulled])
+    _quiver(axes, middles - arrows / 2, arrows, GREY)
     return [Line2D([], [], color=GREY, marker=r"$\downarrow$", ls="none", ms=7,
                    label="body force")]
 

@@ -2,8 +2,8 @@
 
 Every number has a few places to choose from, along the longest piece of its boundary: inside the
 body, outside of it, and farther off at the end of a line. The one with the least against it is
-taken: other numbers, arrows, a place that is nearer to another boundary, or on the far side of a
-thin body.
+taken: other numbers, arrows, a place that is nearer to another boundary, on the far side of a thin
+body, or inside another one.
 """
 
 import numpy as np
@@ -17,7 +17,7 @@ INSIDE, OUTSIDE, AWAY = 0.032, 0.04, 0.075  # of the body's size: distance from 
 APART, CLEAR = 0.045, 0.026  # of the body's size: from another number, from an arrow
 TOUCHING = 0.3  # of a number's distance from its boundary, by which another one may be nearer
 # what there is against a place
-CROWDED, FOREIGN, CROSSED, LED, OUTER, BUSY, FAR = 5.0, 4.0, 3.0, 1.5, 0.5, 0.5, 0.4
+CROWDED, FOREIGN, CROSSED, LED, INTO, OUTER, BUSY, FAR = 5.0, 4.0, 3.0, 1.5, 1.0, 0.5, 0.5, 0.4
 
 
 def label_numbers(axes, boundary: dict, edges: tuple, size: float, colours: dict) -> None:
@@ -58,11 +58,22 @@ def _places(own: np.ndarray, edges: tuple, size: float, role: str) -> list[tuple
         point, edge = _at(start[longest], end[longest], part)
         out, off = normal[longest[edge]], FAR * abs(part - 0.5)
         aside = np.array([-out[1], out[0]])
+        beyond = point + outside * size * out
         places += [(point - INSIDE * size * out, point, False, off),
-                   (point + outside * size * out, point, False, off + OUTER + busy)]
+                   (beyond, point, False, off + OUTER + busy + INTO * _within(beyond, start, end))]
         places += [(point + AWAY * size * (way * out + across * aside), point, True, off + LED)
                    for way in (1, -1) for across in (0, 1, -1)]
     return places
+
+
+def _within(place: np.ndarray, start: np.ndarray, end: np.ndarray) -> bool:
+    """Whether a point (2,) is inside a body: a ray from it crosses the boundary an odd number of
+    times.
+    """
+    x, y = place
+    crossed = (start[:, 1] > y) != (end[:, 1] > y)
+    (x1, y1), (x2, y2) = start[crossed].T, end[crossed].T
+    return np.count_nonzero(x1 + (y - y1) / (y2 - y1) * (x2 - x1) > x) % 2 == 1
 
 
 def _at(start: np.ndarray, end: np.ndarray, part: float) -> tuple[np.ndarray, int]:

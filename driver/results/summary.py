@@ -118,7 +118,7 @@ class Summary:
         "factors of the loads at the start and after every step, by number of the load; of a "
         "history that is repeated with its cycle once")
     loads: list = entry("resultant of every load at amplitude 1: effect, number of the amplitude, "
-                        "force", "stress length")
+                        "force, that on each of the bodies", "stress length")
     parameters: dict = entry("parameters of the scene and options of the solver")
     versions: dict = entry("of the suite, Python, numpy and PETSc")
     seconds: dict = entry("wall time of the stages", "s", parts={
@@ -294,9 +294,13 @@ def _loads(problem: Problem) -> list[dict]:
     for s, sub in enumerate(subs):
         for k, load in enumerate(sub.loads):
             own[s, k] = np.bincount(sub.dof_component, load, minlength=2)
-    total = np.concatenate(problem.operator.comm.allgather(own)).sum(axis=0)
-    return [{"effect": pattern["kind"], "number": pattern["amplitude"], "force": force.tolist()}
-            for pattern, force in zip(problem.manifest.patterns, total)]
+    own = np.concatenate(problem.operator.comm.allgather(own))
+    bodies = problem.structure.travel.bodies
+    of_body = np.zeros((len(bodies.size), *own.shape[1:]))
+    np.add.at(of_body, bodies.number, own)
+    return [{"effect": pattern["kind"], "number": pattern["amplitude"],
+             "force": of_body[:, k].sum(axis=0).tolist(), "bodies": of_body[:, k].tolist()}
+            for k, pattern in enumerate(problem.manifest.patterns)]
 
 
 def _motions(contact) -> dict:

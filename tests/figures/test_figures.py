@@ -701,7 +701,8 @@ def test_foundations_and_joined_boundaries_are_no_free_ones(tmp_path, role, word
 
 def test_labels_loads_and_weight_are_on_the_picture(tmp_path):
     run = moved_run(tmp_path, {"traction_x": 2e7, "traction_y": 0},
-                    loads=[{"effect": "body_force", "number": 2, "force": [0.0, -5.0]}])
+                    loads=[{"effect": "body_force", "number": 2, "force": [0.0, -5.0],
+                            "bodies": [[0.0, -5.0]]}])
     figure = figures.compose("geometry", run)
     assert {text.get_text() for text in figure.axes[0].texts} == {"1", "2", "3", "4"}
     assert "body force" in legend_words(figure)
@@ -779,6 +780,19 @@ def test_numbers_of_labels_stand_beside_their_boundary(high, led):
         assert (0 < place[1] < high and abs(place[0]) < 4.5) == (high == 4.0)
         assert labels.distances(place, *np.array([[[0, high + 1.5]], [[0, high + 0.1]]])) > 0.2
         assert all(np.linalg.norm(place - other) > 0.4 for k, other in places.items() if k != name)
+
+
+def test_the_number_of_a_thin_layer_is_not_in_the_body_above():
+    """A layer, its top label 3, from 0 to 20, under a block from 4 to 12."""
+    layer = [(0, 0), (20, 0), (20, 0.6), (0, 0.6)]
+    block = [(4, 0.6), (12, 0.6), (12, 5), (4, 5)]
+    start = np.array(layer + block, float)
+    end = np.concatenate([np.roll(layer, -1, axis=0), np.roll(block, -1, axis=0)])
+    axes = Figure().add_subplot()
+    labels.label_numbers(axes, {"label": np.arange(1, 9), "role": np.full(8, "free")},
+                         (start, end, outline.right_of(start, end)), 20.0, {"free": "black"})
+    x, y = {text.get_text(): text.get_position() for text in axes.texts}["3"]
+    assert y > 0.6 and not 4 <= x <= 12
 
 
 def test_magnification_respects_gaps_and_large_displacements(tmp_path):

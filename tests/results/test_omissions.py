@@ -216,3 +216,14 @@ def test_contact_that_would_go_on_beyond_the_period_is_said(solved, named_scene,
     text = STRIPS.replace("START", str(start)).replace("MORE", more)
     warnings = solved(named_scene("strips", text), steps=4).summary["warnings"]
     assert any("does not go on beyond the period" in line for line in warnings) == said
+
+
+def test_loads_are_told_body_by_body(run_of):
+    """Weight of the upper block alone, 2 mm by 1 mm; the traction pushes on the same one."""
+    summary = run_of(BLOCKS.format(bottom=1.0, more="macro bodyForce2() "
+                                   "[0., (y > 1. ? -0.5 : 0.)] //"), subdomains=3).summary
+    loads = {load["effect"]: load["bodies"] for load in summary["loads"]}
+    order = int(np.abs(loads["traction"][1][1]) > 0)
+    for name, force in (("traction", -2.0), ("body_force", -1.0)):
+        assert loads[name][order] == pytest.approx([0.0, force], abs=1e-12)
+        assert loads[name][1 - order] == [0.0, 0.0]
