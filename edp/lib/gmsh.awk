@@ -2,6 +2,8 @@
 # with their regions, their nodes, and the labelled edges between these. Points and curves apart
 # from all surfaces, which help to draw, are left out.
 #
+# `foreign`: the mesh was not made by gmsh just now, but is a file.
+#
 # FreeFEM's own gmshload stops at triangles that run clockwise or are smaller than 1e-8 in the
 # scene's units. What is wrong goes to the standard error, in a word or two: elements of another
 # kind, nodes at different z, a physical curve that leads from triangles to where there are none,
@@ -15,8 +17,12 @@ part == 1 && NF == 4 {
 }
 part != 2 || NF < 5 {next}
 $2 == 2 {
-  a = number[$(NF - 2) + 0]; b = number[$(NF - 1) + 0]; c = number[$NF + 0]; x = X[a]; y = Y[a]
-  if ((X[b] - x)*(Y[c] - y) < (X[c] - x)*(Y[b] - y)) {d = b; b = c; c = d}
+  a = number[$(NF - 2) + 0]; b = number[$(NF - 1) + 0]; c = number[$NF + 0]
+  # gmsh turns all triangles of a surface alike, others may not
+  if (foreign || $5 != face) {
+    x = X[a]; y = Y[a]; clockwise = (X[b] - x)*(Y[c] - y) < (X[c] - x)*(Y[b] - y)
+  }
+  if (clockwise) {d = b; b = c; c = d}
   triangle[++triangles] = a " " b " " c " " $4
   # gmsh numbers the nodes of curves first
   if (a <= last) delete bare[a]
@@ -95,6 +101,7 @@ function shared(  i, k, low, high, part, of, found) {
 END {
   # what stands apart costs no time where nothing says that there is any
   for (i in bare) apart = 1
+  if (foreign) apart = 1
   if (measure() || apart) {leave_out(); measure()}
   print nodes + 0, triangles + 0, edges + 0
   for (i = 1; i <= nodes; ++i) print place[i], 0

@@ -640,7 +640,12 @@ MESHED = (('include "scene.idp"', 'include "scene.idp"\ninclude "gmsh.idp"'),
     (GEO + SECOND, "mine.geo has two points in the same place, (2, "),
     # as gmsh finds the ends of pieces of oblique lines, to 1e-11 of the whole
     (GEO + SECOND.replace("{2, ", "{2.0000000001, "), "two points of the mesh at (2"),
-    (GEO + SECOND.replace("{2, ", "{2.00000003, "), "nearer to one another than a ten-millionth"),
+    (GEO + SECOND.replace("{2, ", "{2.00000003, "), "the body is not connected: its piece at"),
+    # a notch from above, 3e-8 wide
+    (GEO.replace("Line(3) = {3, 4};", "Point(5) = {1.00000003, 1, 0, h}; Point(6) = {1, 0.5, 0, h};"
+                 " Point(7) = {1, 1, 0, h};\nLine(3) = {3, 5}; Line(5) = {5, 6}; Line(6) = {6, 7};"
+                 " Line(7) = {7, 4};").replace("{1:4}", "{1:3, 5:7, 4}"),
+     "nearer to one another than a ten-millionth"),
     (GEO.replace("1:4", "1:3"), "gmsh cannot mesh mine.geo"),
     (GEO.replace("\nPhysical Surface(1) = {1};\n", " Physical Surface(1) = {1};"),
      "the last line of mine.geo has no line end"),
