@@ -4,10 +4,9 @@ Checked are the last step and that with most energy, at the displaced places:
 
 strain    largest principal strain of a triangle's mean. Linear strains lack half the square of the
           displacement gradient: their relative error is about half of the strain
-rotation  largest rotation of a triangle, less that of its body where no support fixes it. It counts
-          1 - cos as strain, and turns loads and normals that stay as they were. Both are infinite
-          at sharp corners: the verdict asks whether they are too large on more than `SPOT` of a
-          body's area
+rotation  largest rotation of a triangle. It counts 1 - cos as strain, and turns loads, lever arms
+          and normals that stay as they were. Both are infinite at sharp corners: the verdict asks
+          whether they are too large on more than `SPOT` of a body's area
 normals   of closed nodes: distance from the obstacle or the other body, measured at the displaced
           places, less the distance that the contact conditions used, over the contact length; and
           the angle between the normal there and the one that was used (`normal_turn`)
@@ -121,21 +120,14 @@ class Validity:
         """Strains and rotations of all triangles, with those that supports prescribe to bodies."""
         travel = self.structure.travel
         turned = travel.of(step.weights)[:, 2] / travel.bodies.size
-        loose = {s for mode in self.structure.rigid_modes if mode.rotation for s in mode.members}
-        parts, turning = [], np.zeros((2, self.structure.total))  # by subdomain: turns, areas
+        areas = np.zeros(self.structure.total)
+        own, over = [], np.zeros((2, 2, self.structure.total))  # areas beyond the limits
         for sub, u in zip(self.structure.subdomains, fields):
             strain, turn = _deformation(sub, u)
             turn = turn + turned[travel.bodies.number[sub.index]]
             area = elements.areas(sub.xy[sub.triangles])
-            turning[:, sub.index] = turn @ area, area.sum()
-            parts.append((sub, area, strain, turn))
-        turning = np.array([np.bincount(self.member, of)[self.member]
-                            for of in self.comm.allreduce(turning)])
-        own, over = [], np.zeros((2, 2, self.structure.total))  # areas beyond the limits
-        for sub, area, strain, turn in parts:
-            # of a body that turns as a whole no support says which way is right
-            mean = turning[0, sub.index] / turning[1, sub.index] if sub.index in loose else 0.0
-            for m, values in enumerate((strain, np.abs(turn - mean))):
+            areas[sub.index] = area.sum()
+            for m, values in enumerate((strain, np.abs(turn))):
                 name, k = MEASURES[m], values.argmax()
                 center = sub.xy[sub.triangles[k]].mean(axis=0)
                 own.append((name, float(values[k]), center.tolist()))
@@ -143,10 +135,11 @@ class Validity:
                     over[m, g, sub.index] = area[values > limits[name]].sum()
         for name, value, center in (row for rows in self.comm.allgather(own) for row in rows):
             self.note(name, value, center, step.index)
-        over = self.comm.allreduce(over)
+        over, areas = self.comm.allreduce(over), self.comm.allreduce(areas)
+        whole = np.bincount(self.member, areas)[self.member]
         for m, name in enumerate(MEASURES):
             for g in (0, 1):
-                share = np.bincount(self.member, over[m, g])[self.member] / turning[1]
+                share = np.bincount(self.member, over[m, g])[self.member] / whole
                 self.parts[name][g] = max(self.parts[name][g], share.max())
 
     def _outline(self, fields) -> tuple:
@@ -214,8 +207,9 @@ class Validity:
     def _from_other(self, labels: list, xy, u, place, moved, touching):
         """Distances from the boundaries `labels` of other bodies, and turns of their normals.
 
-        What polygons lack of curved boundaries is there before any load and does not count. Nodes
-        at corners meet what faces them.
+        What polygons lack of curved boundaries is there before any load and does not count, of
+        normals as far as their edges turn. Nor does what the other surface turns where the own one,
+        whose normals are used, keeps its direction. Nodes at corners meet what faces them.
         """
         edges = self.structure.outer_edges
         start, end, _ = edges[np.isin(edges[:, 2], labels)].T
@@ -225,6 +219,11 @@ class Validity:
         back = (outward * own[near]).sum(axis=1) > 0
         start, end = np.where(back, end, start), np.where(back, start, end)
 
+        mine = np.isin(edges[:, 2], self.boundary.label[touching])
+        facets = sum(_largest_bend(place[a], place[b]) / 2
+                     for a, b in ((start, end), edges[mine, :2].T))
+        turned = self._turned(mine, place, moved)[self.boundary.gid[touching]]
+
         def measured(at, edges) -> tuple[np.ndarray, np.ndarray]:
             a, b = start[edges], end[edges]
             now = true_distance.polygon(place[a] + moved[a], place[b] + moved[b])
@@ -233,7 +232,8 @@ class Validity:
             if self.boundary.about is None:
                 before, normal = true_distance.polygon(place[a], place[b]).distance(xy[at])
                 true = true - before + self.boundary.gap[touching[at]]
-                turn = np.maximum(turn - _angle(normal, own[at]), 0.0)
+                turn = np.maximum(turn - np.minimum(_angle(normal, own[at]), facets), 0.0)
+                turn = np.minimum(turn, turned[at])
             return true, turn
 
         true, turn = measured(slice(None), slice(None))
@@ -245,6 +245,21 @@ class Validity:
             if facing.any():
                 (true[node],), (turn[node],) = measured([node], facing)
         return true, turn
+
+    def _turned(self, mine: np.ndarray, place, moved) -> np.ndarray:
+        """(nodes,) angles by which the edges `mine` of the outline have turned, means at nodes.
+
+        Infinite at their ends: what a corner meets says which way it presses.
+        """
+        ends = self.structure.outer_edges[mine, :2]
+        before, now = (of[ends[:, 1]] - of[ends[:, 0]] for of in (place, place + moved))
+        turn = np.abs(np.arctan2(elements.cross(before, now), (before * now).sum(axis=1)))
+        nodes = ends.T
+        if len(self.structure.outer_middles):
+            nodes = np.vstack([nodes, *[self.structure.outer_middles[mine]] * 2])
+        count = np.bincount(nodes.ravel(), minlength=len(place))
+        total = np.bincount(nodes.ravel(), np.tile(turn, len(nodes)), len(place))
+        return np.where(count > 1, total / np.maximum(count, 1), np.inf)
 
     # ---- overlaps --------------------------------------------------------------------------------
     def _check_overlaps(self, step, place, moved) -> None:
@@ -320,6 +335,15 @@ class Validity:
 def _angle(normal: np.ndarray, used: np.ndarray) -> np.ndarray:
     """(n,) angles between normals (n, 2) of what is met and those of the body, which oppose."""
     return np.arccos(np.clip(-(normal * used).sum(axis=1), -1.0, 1.0))
+
+
+def _largest_bend(start: np.ndarray, end: np.ndarray) -> float:
+    """Largest angle between edges (s, 2) that follow one another, corners apart."""
+    chord = (end - start) / np.linalg.norm(end - start, axis=1)[:, None]
+    known = {tuple(place): k for k, place in enumerate(start)}
+    after = np.array([known.get(tuple(place), -1) for place in end])
+    cosine = (chord[after >= 0] * chord[after[after >= 0]]).sum(axis=1)
+    return float(np.arccos(np.clip(cosine[cosine > TURN], -1.0, 1.0)).max(initial=0.0))
 
 
 def _deformation(sub, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

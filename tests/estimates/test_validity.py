@@ -309,6 +309,43 @@ def test_a_rotation_that_supports_prescribe_is_judged(verdict, turn, expected):
     assert entry["verdict"] == expected and ("turns by" in entry["reason"]) == (expected != "ok")
 
 
+WHEEL = HEAD.replace('subdomains("2x2");\n', 'subdomains("3");\nquasistatic(1.);\n') + '''
+border tread(t=-0.6, 0.6) { x = 100*sin(t); y = 100 - 100*cos(t); label = 5; }
+border right(t=0, 1) { x = 100*sin(0.6); y = 100 - 100*cos(0.6) + t*(100*cos(0.6)); label = 6; }
+border axle(t=1, -1) { x = 100*sin(0.6)*t; y = 100; label = 7; }
+border left(t=1, 0) { x = -100*sin(0.6); y = 100 - 100*cos(0.6) + t*(100*cos(0.6)); label = 6; }
+addBody(buildmesh(tread(60) + right(10) + axle(12) + left(10)))
+int[int] rail = [11, 12, 13, 12];
+addBody(square(40, 6, [80*x - 40, 20*y - 20], label = rail))
+real pull = physical("pull", 0.15);
+macro young() 210e3 //
+macro poisson() 0.3 //
+macro support() on(11, u1 = 0., u2 = 0.) //
+macro load1() traction(7, 0., -4.) //
+macro amplitude1(t) min(1., 2*t) //
+macro load2() traction(7, 4*pull, 0.) //
+macro amplitude2(t) max(0., 2*t - 1) //
+macro contactPair() 5, 13 //
+macro friction() 0.3 //
+include "export.idp"
+'''
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+@pytest.mark.some(1)
+def test_a_wheel_that_rolls_away_is_judged(verdict, element):
+    """Pulled at its axle it has no equilibrium. Lever arms and normals that stay as they were make
+    one, turned by the part of its weight that pulls.
+    """
+    entry, warnings, status = verdict(WHEEL, steps=4, element=element)
+    assert status == 0 and entry["verdict"] == "questionable"
+    assert any("results are questionable" in line for line in warnings)
+    assert entry["largest_rotation"] == pytest.approx(0.15, rel=0.1)
+    assert entry["normal_turn"] == pytest.approx(0.15, rel=0.1)
+    resting, _, _ = verdict(WHEEL, steps=4, element=element, pull=0.0)
+    assert resting["verdict"] == "ok" and resting["normal_turn"] < 0.01
+
+
 def test_a_gap_of_the_wrong_unit_is_said(verdict):
     entry, _, status = verdict(BLOCK, reach=-1e6)
     assert entry["verdict"] == "invalid" and status == 0
