@@ -13,6 +13,7 @@ from ..march.step import Step
 JOINTS, WEAR, HELD = "joints", "wear", "held"  # in what `ContactState.evaluate` returns
 AXIS = 1e-6  # part of the largest coordinate that is on the axis
 ACROSS = 1e-6  # component of a tangent that is none
+SLID = "slip_law.accumulated_slip"  # of what a cycle hands on
 SLIDES = 1e-9  # part of the largest slip that is rounding
 
 
@@ -66,6 +67,9 @@ class ContactState:
         # of the step before: tangential displacement less travel, and pattern factors of that
         self._elastic = self._weights = None
         self._held = np.zeros(len(self.boundary.gid))  # friction of nodes held along the boundary
+        # tangential displacement relative to what is met, and the way slid, for laws of such nodes
+        self._relative = solver.initial[: len(self.boundary.gid)]
+        self._slid = np.zeros(len(self.boundary.gid))
         # depth so far, where the scene declares wear
         self.worn = np.zeros(len(self.boundary.gid)) if "wear" in solver.effects else None
         self._time = 0.0
@@ -141,9 +145,6 @@ class ContactState:
         values[3, rows.normal_node] = step.status
         values = np.sum(self.operator.comm.allgather(values), axis=0)
         joints, values = values[0, len(b.gid):], values[:, : len(b.gid)]
-        if self.frictional:  # a node constrained tangentially has no row of its own, but a bound
-            alone = b.tangential_row < 0
-            values[2, alone] = self.law.friction_bound(values[0])[alone]
         moved = self._nodal(displacements)
         u = self._jump(moved)
         u_n, elastic = (u * b.normal).sum(axis=1), (u * b.tangent).sum(axis=1)
@@ -154,14 +155,16 @@ class ContactState:
             self._weights = self.solver.initial_weights
             self._elastic = self.solver.initial[: len(b.gid)] - self._carried_t(self._weights)
         if self.solver.cycles is not None and step.index == self.solver.cycles.begin + 1:
-            self._begun = {MOVED: self._elastic, WORN: self.worn}
+            self._begun = {MOVED: self._elastic, WORN: self.worn, SLID: self._slid}
         if follows:  # along the tangents of now
             self._elastic = (self._jump(self._before) * b.tangent).sum(axis=1)
         slip = elastic - self._elastic + self._carried_t(weights - self._weights)
         slip -= b.way(self._time, step.time)
         self._time = step.time
         self._elastic, self._weights, self._before = elastic, weights, moved
-        if self.frictional:
+        if self.frictional:  # a node constrained tangentially has no row of its own, but a bound
+            alone = b.tangential_row < 0
+            values[2, alone] = self._bound(values[0], slip)[alone]
             held = held_along(b, self.constrained)
             self._held = friction_of_held(held, values[2], slip, self._held)
             values[1] += self._held
@@ -175,13 +178,23 @@ class ContactState:
                 ContactField.BOUND: values[2] / b.weight,
                 ContactField.STATUS: values[3].astype(int), JOINTS: joints, HELD: self._held}
 
+    def _bound(self, force: np.ndarray, slip: np.ndarray) -> np.ndarray:
+        """(n_c,) friction bounds of nodes without a row, after a step with this slip (n_c,)."""
+        bound, effects = self.law.friction_bound(force), self.solver.effects
+        if not effects.coefficient_changes:
+            return bound
+        self._relative, self._slid = self._relative + slip, self._slid + np.abs(slip)
+        return bound * effects.coefficient_factor(np.arange(len(slip)), self._relative,
+                                                  self._relative - self._slid)
+
     def _cycle_ends(self, step: Step) -> None:
         """A cycle ends; what grows in those that are jumped over after it has grown."""
-        now = {MOVED: self._elastic, WORN: self.worn}
+        now = {MOVED: self._elastic, WORN: self.worn, SLID: self._slid}
         for name in step.grown if step.skips else ():
             if name in now:
                 now[name] = now[name] + step.skips * (now[name] - self._begun[name])
-        self._begun, self._elastic, self.worn = now, now[MOVED], now[WORN]
+        self._begun, self._elastic = now, now[MOVED]
+        self.worn, self._slid = now[WORN], now[SLID]
 
     def _wear(self, slip: np.ndarray, force: np.ndarray) -> np.ndarray:
         """(n_c,) worn depth at the end of a step with slips and normal forces (n_c,)."""

@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 from driver.contact.states import SLIP
 from driver.contact.states import ContactField as C
-from driver.results.contact_state import (MOVED, WORN, ContactState, friction_of_held,
+from driver.results.contact_state import (MOVED, SLID, WORN, ContactState, friction_of_held,
                                           held_along)
 
 
@@ -36,12 +36,13 @@ def made(rng, worn=False) -> ContactState:
     of.rows = SimpleNamespace(normal=np.arange(n), normal_node=np.arange(n),
                               tangential=np.arange(n, 2 * n), tangential_node=np.arange(n))
     of.solver = SimpleNamespace(initial=rng.random(n), initial_weights=np.array([0.5, 0.0]),
-                                cycles=None)
+                                cycles=None, effects=SimpleNamespace(coefficient_changes=False))
     of._travel, of._term, of._nodal = rng.random((2, n, 2)), np.arange(k), lambda moved: moved
     of._value = np.tile(b.term_value, (2, 1)).T
     of._weights, of._time, of._before = None, 0.0, None
     of.worn = np.zeros(n) if worn else None
     of.constrained, of._held = np.zeros((n, 2), bool), np.zeros(n)
+    of._relative, of._slid = of.solver.initial, np.zeros(n)
     of.law = SimpleNamespace(friction_bound=lambda force: 0.4 * np.abs(force))
     return of
 
@@ -97,6 +98,30 @@ def test_a_node_without_a_tangential_row_has_a_bound_and_no_wear():
         assert found[C.STATUS][1] == (SLIP if all(constrained) else 1)
 
 
+def test_held_nodes_obey_laws_of_their_way():
+    """The coefficient at a held node falls with the way that it has slid, or depends on where it
+    is: relative to what it meets, which moves by 0.3 in a unit of time.
+    """
+    of = made(np.random.default_rng(7))
+    b = of.boundary
+    b.tangential_row[1], of.constrained[1] = -1, True
+    of.rows.tangential, of.rows.tangential_node = np.array([3, 5]), np.array([0, 2])
+    of.solver.initial, of.solver.initial_weights = np.zeros(3), np.zeros(2)
+    of._relative, places = np.full(3, 0.25), []
+
+    def factor(number, u_t, last):
+        assert number.tolist() == [0, 1, 2]
+        places.append((u_t[1], abs(u_t - last)[1]))
+        return 1.0 - abs(u_t - last)
+
+    of.solver.effects = SimpleNamespace(coefficient_changes=True, coefficient_factor=factor)
+    for time, way in ((1.0, 0.3), (2.0, 0.6)):
+        found = of.evaluate(step(time, np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]), np.zeros(2),
+                                 friction_bound=np.full(2, 9.0)), np.zeros((9, 2)))
+        assert found[C.BOUND][1] * b.weight[1] == pytest.approx(0.4 * 2 * (1 - way))
+        assert places[-1] == pytest.approx((0.25 - way, way))
+
+
 def test_friction_of_held_nodes_stays_where_they_stop():
     """Against the slip, up to the bound; what nothing holds has its own."""
     held, bound = np.array([True, True, True, False]), np.array([2.0, 2.0, 0.5, 2.0])
@@ -114,9 +139,11 @@ def test_nodes_on_an_axis_are_held_by_no_support():
 def test_what_has_grown_in_a_cycle_grows_as_much_in_each_that_is_jumped_over(skips):
     """What has not grown stays; the next cycle begins from there."""
     of = object.__new__(ContactState)
-    of._begun = {MOVED: np.array([1.0, 2.0]), WORN: np.array([0.5, 0.5])}
+    of._begun = {MOVED: np.array([1.0, 2.0]), WORN: np.array([0.5, 0.5]), SLID: np.zeros(2)}
     of._elastic, of.worn = np.array([1.5, 1.0]), np.array([0.75, 0.5])
-    of._cycle_ends(SimpleNamespace(skips=skips, grown=(WORN, "of no node")))
+    of._slid = np.array([0.0, 0.25])
+    of._cycle_ends(SimpleNamespace(skips=skips, grown=(WORN, SLID, "of no node")))
+    np.testing.assert_allclose(of._slid, [0.0, 0.25 + 0.25 * skips])
     np.testing.assert_allclose(of._elastic, [1.5, 1.0])
     np.testing.assert_allclose(of.worn, [0.75 + 0.25 * skips, 0.5])
     assert of._begun[WORN] is of.worn and of._begun[MOVED] is of._elastic
