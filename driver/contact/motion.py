@@ -78,10 +78,14 @@ class ObstacleMotion:
         return replace(self, **more)
 
     def returns(self) -> bool:
-        """Whether obstacles stand at the last time where they stood at the time `again`."""
+        """Whether obstacles stand at the last time where they stood at the time `again`.
+
+        Beside the size of the boundary rounding is no motion, where a history is zero but for it.
+        """
+        size = np.ptp(self.xy, axis=0).max() if len(self.xy) else 0.0
         return all(np.abs(values[-1] - values[self.again]).max(initial=0.0)
-                   <= SAME * np.abs(values).max(initial=0.0)
-                   for values in (self.gap, self.shift, self.angle))
+                   <= SAME * max(np.abs(values).max(initial=0.0), least)
+                   for values, least in ((self.gap, size), (self.shift, size), (self.angle, 1.0)))
 
     def histories(self, nodes: np.ndarray) -> dict[str, list[float]]:
         """What moves the obstacle that `nodes` of one label meet: shift_x, shift_y, angle.
