@@ -179,6 +179,13 @@ def located(part: Part, least: float) -> Part:
     return Part(least, part.order, part.note, part.rate)
 
 
+def of_one_step(values: dict, open_work: float) -> dict[str, Part]:
+    """The time step's part of static quantities `values`: what one step leaves open of the work of
+    friction, as of Record.
+    """
+    return dict.fromkeys(values, Part(0.0)) | {"dissipated_energy": Part(open_work)}
+
+
 # ---- the budget of a run -------------------------------------------------------------------------
 
 def summed(parts: dict[str, Part], value: float) -> dict:

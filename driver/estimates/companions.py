@@ -14,7 +14,7 @@ from ..results.record import Record
 from . import caution, jumps, unresolved
 from .between_steps import misses
 from .budget import (OF_TIME, Part, advice, coarser, extrapolate, formal_order, mesh_knob, name_of,
-                     located, ratio, summed)
+                     located, of_one_step, ratio, summed)
 from .free_peak import free_peak
 from .levels import Level, Levels, samples
 from .polygons import stand_for_curves
@@ -54,6 +54,7 @@ class Companions:
         self.levels, self.manifest, self.settings = levels, problem.manifest, settings
         self.effects = problem.effects
         self.arrivals = record.arrivals() if "slip" in self.values else 0.0
+        self.open_work = record.open_work()
         rows = record.cycles.past.rows if levels.plan else ()
         self.summed = {"dissipated_energy": record.cycle_work,
                        "slip": [row["slip"] for row in rows]} if rows else {}
@@ -131,7 +132,8 @@ class Companions:
         else:
             size = self.manifest.parameters[self.knob]
             mesh = name_of(self.knob, 2 * size if self.knob == "cells" else size / 2)
-        return {"mesh": mesh, "time": f"STEPS={2 * self.manifest.steps}",
+        steps = f"STEPS={2 * self.manifest.steps}" if self.effects.quasistatic else "quasistatic(1.)"
+        return {"mesh": mesh, "time": steps,
                 **({"jumps": jumps.remedy(self.settings.cycles, self.jumps)} if self.jumps else {}),
                 "friction": f"FRICTION_RTOL={self.settings.friction_rtol / 10:.0e}",
                 "solver": f"RTOL={self.settings.rtol / 10:.0e}"}
@@ -148,6 +150,8 @@ class Companions:
             parts["time"] = self._time()
             if "slip" in self.values:
                 parts["time"]["slip"] = located(parts["time"]["slip"], OF_TIME * self.arrivals)
+        elif self.open_work and not effects.quasistatic:
+            parts["time"] = of_one_step(self.values, self.open_work)
         if self.jumps:
             parts["jumps"] = self._jumps()
         if effects.pressure_bounds_friction:

@@ -23,6 +23,7 @@ from ..contact.states import ContactField
 
 CLOSED = 1e-9  # part of the largest displacement below which a distance is rounding
 FEW = 3  # step ends at which a node that contact passes is seen in contact: too few to say more
+LEFT = 0.6  # part of what a node slides before it touches that errs; 0.44 found
 UNKNOWN = 0.5  # part of a step that counts where there is no step before to say more
 
 
@@ -38,13 +39,17 @@ class Moment:
 class Dissipation:
     """Takes the steps of a run in their order."""
 
-    def __init__(self, weight: np.ndarray, gap: np.ndarray, start: np.ndarray | None):
+    def __init__(self, weight: np.ndarray, gap: np.ndarray, start: np.ndarray | None,
+                 alone: np.ndarray | None = None):
         """`weight`, `gap` (n,) of the contact nodes.
 
         `start` (n,): friction bounds (tractions) at time 0; None where the run starts from a loaded
-        state, whose bounds and distances are taken for those of the first step.
+        state, whose bounds and distances are taken for those of the first step. `alone` (2, n):
+        normal and tangential displacement that the first step would end with were there no contact,
+        infinite where nothing else holds a node; None where that is not known.
         """
-        self.weight, self.gap = weight, gap
+        self.weight, self.gap, self.alone = weight, gap, alone
+        self.open = 0.0  # of the work, what first touches within the first step leave open
         self.before = self.last = None
         # (n,) steps since a node touched, and work of the part of that step before it did
         self.seen, self.left_out = np.zeros(len(weight), int), np.zeros(len(weight))
@@ -73,12 +78,29 @@ class Dissipation:
         slides = (np.abs(sigma_t) >= bound) & (bound > 0)
         # what opens is on no bound any more: it slid the way it went
         way = np.where(opens, np.abs(slip), np.where(slides, -np.sign(sigma_t) * slip, 0.0))
+        if self.before is None and self.alone is not None:
+            first, part[touches] = self._before_touching(last.distance)[touches], 1.0
+            rubbed = np.maximum(way[touches] + np.sign(sigma_t[touches]) * first, 0.0)
+            missed = np.abs(way[touches] - rubbed) @ (bound * self.weight)[touches] / 2
+            self.open = LEFT * float(missed)
+            way[touches] = np.where(slides[touches], rubbed, 0.0)
         whole = way * (last.bound + bound) / 2 * self.weight
         missed = np.where(passed, self.left_out, 0.0)
         self.left_out = np.where(touches, (1 - part) * whole, self.left_out)
         self.seen = np.where(touches, 1, np.where((bound > 0) & (self.seen > 0), self.seen + 1, 0))
         self.before, self.last = last, now
         return part * whole + missed
+
+    def _before_touching(self, distance: np.ndarray) -> np.ndarray:
+        """(n,) tangential displacements with which nodes touch in a first step, loads growing in
+        proportion.
+
+        Until then a node moves as if there were no contact; where nothing else holds it, it comes
+        at the first of the loads.
+        """
+        normal, tangential = self.alone
+        return np.where(np.isfinite(normal), tangential, 0.0) * distance / np.maximum(normal,
+                                                                                      distance)
 
     def _until_zero(self, time: float, name: str) -> np.ndarray:
         """(n,) part of the step to `time` after which a quantity has fallen to zero.
@@ -109,8 +131,28 @@ def of_run(solver, law, boundary) -> Dissipation:
             for unit in units]
     acts = np.any(operator.comm.allgather(acts), axis=0)
     moves = motion is not None and not motion.rests(*solver.times[:2])
-    return Dissipation(boundary.weight, boundary.gap, start(
-        solver.effects, law, boundary.weight, solver.amplitudes[:, acts], moves))
+    begin = start(solver.effects, law, boundary.weight, solver.amplitudes[:, acts], moves)
+    alone = None
+    if begin is not None and motion is None and boundary.following is None and not (
+            solver.initial.any()):
+        alone = without_contact(solver, len(boundary.gid))
+    return Dissipation(boundary.weight, boundary.gap, begin, alone)
+
+
+def without_contact(solver, count: int) -> np.ndarray:
+    """(2, count) as `alone` of Dissipation, of a `solver`'s first step; collective."""
+    operator, rows = solver.operator, solver.rows
+    patterns = operator.structure.patterns
+    weights = np.zeros(patterns + operator.modes)
+    weights[:patterns] = solver.amplitudes[1]
+    moved = operator.elastic_response(weights) + operator.rigid_response(weights)
+    free = np.zeros(len(moved), bool)
+    for unit in np.eye(patterns + operator.modes)[patterns:]:
+        free |= operator.rigid_response(unit) != 0
+    found = np.zeros((2, len(operator.structure.contact.gid)))
+    found[0, rows.normal_node] = np.where(free[rows.normal], np.inf, moved[rows.normal])
+    found[1, rows.tangential_node] = moved[rows.tangential]
+    return np.sum(operator.comm.allgather(found), axis=0)[:, :count]
 
 
 def start(effects, law, weight: np.ndarray, amplitudes: np.ndarray,

@@ -129,6 +129,10 @@ class Record:
         """What the steps leave open of the largest slip, see touch.of_arrivals."""
         return of_arrivals(*self._columns())
 
+    def open_work(self) -> float:
+        """Of friction's work in a single step, what it leaves open where nodes first touch."""
+        return self.dissipation.open if self.dissipation else 0.0
+
     def _pressing_round(self, index: int) -> int:
         """How many nodes press in a step, if some belong to a boundary whose normal varies."""
         b, presses = self.contact.boundary, self.states["sigma_n"][index] < 0

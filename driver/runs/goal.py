@@ -20,7 +20,7 @@ from itertools import product
 from ..errors import DriverError, InputError, NoSolution, NotConverged
 from ..estimates.adjoint import unsuited
 from ..estimates.budget import (FORMAL, SINGULAR, Part, extrapolate, finer, main_quantity,
-                                mesh_knob, name_of, ratio, share, vanishing)
+                                mesh_knob, name_of, of_one_step, ratio, share, vanishing)
 from ..estimates.caution import FAST, HELD
 from ..estimates.successive import mesh_parts
 from .tolerances import TOLERANCES
@@ -216,6 +216,9 @@ class Search(Trials):
             self.stride = self.total
             if self.effects.frictional:  # all that depends on the way grows in proportion
                 self.parts["time"] = dict.fromkeys(self.values(second), Part(0.0))
+        left = self.level(second).record.open_work()
+        if left and not self.effects.quasistatic:
+            self.parts["time"] = of_one_step(self.values(second), left)
         self.tighten(second)
         if self.stride < self.total:
             self.choose_steps(second)

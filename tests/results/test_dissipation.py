@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from driver.contact.states import ContactField as C
-from driver.results.dissipation import Dissipation
+from driver.results.dissipation import LEFT, Dissipation
 from driver.results.record import Record
 
 F = 0.3
@@ -81,6 +81,54 @@ def test_where_a_node_stood_still_rounding_decides_nothing(moved):
                  opening=lambda t: 0.4 * (t < 1.0), start=0.0)
     whole = 2 * F * 0.5 * 10 / 2
     assert work == pytest.approx(whole / 2, rel=1e-8 + 2 * abs(moved) / 0.4)
+
+
+@pytest.mark.parametrize("alone, rubbed", [
+    ((0.8, 0.4), 1.0 - 0.2),  # half of the loads close the gap of 0.4
+    ((np.inf, 0.4), 1.0),  # the first of them does
+    ((0.1, 0.4), 1.0 - 0.4)])  # only what others do
+def test_one_step_in_which_a_node_touches(alone, rubbed):
+    """Pressure and slip grow in proportion from then on; what is not known is what it went before.
+    """
+    of = Dissipation(np.ones(1), np.array([0.4]), np.zeros(1), np.array(alone)[:, None])
+    state = {C.U_N: 0.4, C.SLIP: 1.0, C.BOUND: F * 5, C.SIGMA_T: -F * 5}
+    work = of.add(1.0, {name: np.array([value]) for name, value in state.items()})
+    assert work == pytest.approx(F * 5 * rubbed / 2, rel=1e-12)
+    assert of.open == pytest.approx(LEFT * F * 5 * (1.0 - rubbed) / 2, rel=1e-12, abs=1e-15)
+
+
+ONTO = """include "scene.idp"
+{history}
+rectangle(0., 20., 0., 10.);
+macro young() 2e3 //
+macro poisson() 0.4 //
+{loads} //
+macro contact() 1 //
+macro friction() 0.1 //
+macro gap() 0.3 //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("loads, left", [
+    ("macro support() on(4, u1 = 0.) //\nmacro load1() traction(3, 0., -50.)", 0.0),
+    ("macro support() on(4, u1 = 0.) //\nmacro displacement1() on(3, u2 = -0.6)", 0.0),
+    ("macro support() on(4, u1 = 0., u2 = 0.) //\nmacro load1() traction(3, 30., -40.)", 0.5)],
+    ids=["falls", "is moved", "bends"])
+def test_a_static_step_onto_an_obstacle_does_the_work_of_its_history(solved, tmp_path, loads, left):
+    """As much as twenty steps of loads in proportion, but for what the step says it leaves open:
+    nothing where the way to the obstacle does not lead along it.
+    """
+    runs = []
+    for name, history in (("static", ""),
+                          ("history", "quasistatic(1.);\nmacro amplitude1(t) t //")):
+        path = tmp_path / f"{name}.edp"
+        path.write_text(ONTO.format(history=history, loads=loads))
+        runs.append(solved(path, cells=4, errors="yes").summary)
+    static, history = (run["dissipated"] for run in runs)
+    entry = runs[0]["errors"]["quantities"]["dissipated_energy"]
+    assert static > 0 and static == pytest.approx(history, rel=5e-3, abs=entry.get("time", 0.0))
+    assert entry.get("time", 0.0) <= left * static
 
 
 def test_what_sticks_takes_nothing():
