@@ -132,8 +132,9 @@ class Companions:
         else:
             size = self.manifest.parameters[self.knob]
             mesh = name_of(self.knob, 2 * size if self.knob == "cells" else size / 2)
-        steps = f"STEPS={2 * self.manifest.steps}" if self.effects.quasistatic else "quasistatic(1.)"
-        return {"mesh": mesh, "time": steps,
+        history = self.effects.quasistatic
+        return {"mesh": mesh,
+                "time": f"STEPS={2 * self.manifest.steps}" if history else "quasistatic(1.)",
                 **({"jumps": jumps.remedy(self.settings.cycles, self.jumps)} if self.jumps else {}),
                 "friction": f"FRICTION_RTOL={self.settings.friction_rtol / 10:.0e}",
                 "solver": f"RTOL={self.settings.rtol / 10:.0e}"}

@@ -216,13 +216,17 @@ class Search(Trials):
             self.stride = self.total
             if self.effects.frictional:  # all that depends on the way grows in proportion
                 self.parts["time"] = dict.fromkeys(self.values(second), Part(0.0))
-        left = self.level(second).record.open_work()
-        if left and not self.effects.quasistatic:
-            self.parts["time"] = of_one_step(self.values(second), left)
+        self._take_one_step(second)
         self.tighten(second)
         if self.stride < self.total:
             self.choose_steps(second)
         self._third()
+
+    def _take_one_step(self, size) -> None:
+        """The time step's part of a static scene, where there is any."""
+        left = 0.0 if self.effects.quasistatic else self.level(size).record.open_work()
+        if left:
+            self.parts["time"] = of_one_step(self.values(size), left)
 
     def _report(self, entry: dict) -> None:
         """Tell the user of a mesh."""

@@ -179,7 +179,8 @@ def test_each_tolerance_has_its_share(coulomb, name):
     manifest = SimpleNamespace(parameters={"cells": 8}, steps=1, element="P1", nodes=0,
                                curved=[], between={})
     record = SimpleNamespace(quantities=lambda: ({"displacement": levels.value(loose)}, 0),
-                             singular_places=lambda: (), touch=lambda _index: Touch(open={}))
+                             singular_places=lambda: (), open_work=lambda: 0.0,
+                             touch=lambda _index: Touch(open={}))
     companions = Companions(levels, problem_of(manifest, effects), loose, record, {})
     parts = companions.parts()
     error = sum(parts[source]["displacement"].error for source in ("friction", "solver")
@@ -216,6 +217,7 @@ def test_a_mesh_that_does_not_resolve_the_solution_leaves_no_claims_of_contact(e
         values={name: value * (1 + 0.01 * bool(changes)) for name, value in values.items()},
         touch=touch)
     record = SimpleNamespace(quantities=lambda: (values, 0), singular_places=lambda: (),
+                             open_work=lambda: 0.0,
                              touch=lambda _index: touch)
     parts, held = (Companions(levels, problem_of(manifest, effects), Settings(), record, sizes,
                               energy).parts()["mesh"]
@@ -332,6 +334,7 @@ def test_a_finer_mesh_is_one_that_people_would_type(knob, size, factor, expected
 def test_what_halves_elements_lowers_their_error(knob, size, cycles, expected):
     companions = SimpleNamespace(
         knob=knob, levels=SimpleNamespace(cycles=cycles), jumps=None,
+        effects=SimpleNamespace(quasistatic=True),
         manifest=SimpleNamespace(parameters={knob: size}, steps=20),
         settings=SimpleNamespace(rtol=1e-6, friction_rtol=1e-5, cycles=None))
     remedies = Companions.remedies(companions)

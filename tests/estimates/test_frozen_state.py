@@ -217,7 +217,7 @@ def test_what_lowers_each_part_is_said():
     """The mesh by half a size or twice as many cells, all else by its own option."""
     of = object.__new__(Companions)
     of.settings, of.jumps = Settings(rtol=1e-6, friction_rtol=1e-4), None
-    of.levels = SimpleNamespace(cycles=())
+    of.levels, of.effects = SimpleNamespace(cycles=()), SimpleNamespace(quasistatic=True)
     for knob, size, words in (("h", 0.5, "H=0.25"), ("cells", 6, "CELLS=12"),
                               ("remesh", 1.0, "REMESH=0.5")):
         of.knob, of.manifest = knob, SimpleNamespace(steps=5, parameters={knob: size})

@@ -227,6 +227,7 @@ def test_what_is_zero_on_coarse_meshes_is_looked_for_on_finer_ones(slides_from, 
     search.effects = SimpleNamespace(frictional=True)
     search.values = lambda size: {"slip": 0.1 * (size <= slides_from), "displacement": 1.0}
     search._skip_unsolved = search._third = lambda: None
+    search._take_one_step = lambda size: None
     search.levels, search.element = SimpleNamespace(refines=lambda fine, coarse: True), {}
     search.memoryless = lambda size: chosen.append(size) or False
     search.tighten = chosen.append
