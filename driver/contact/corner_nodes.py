@@ -87,11 +87,27 @@ class CornerNodes:
         self.shifted = np.zeros(len(self.nodes), bool)
         self.friction = np.zeros((len(self.nodes), 2))
         self.begin_step()
+        self.begin()
 
     def begin_step(self) -> None:
         """States may change again."""
         self.switches = np.zeros(len(self.nodes), int)
         self.undecided = np.zeros(len(self.nodes), bool)  # wrong states that do not change any more
+
+    def begin(self) -> None:
+        """A step begins: its corners are in these states."""
+        self.began, self.reconsidered = self.acting, False
+
+    def reconsider(self) -> None:
+        """Corners that vertices have come to in this step, and stand in, are left again.
+
+        They stand where nothing else was right, and for good. What worn and rough surfaces yield
+        was not known then.
+        """
+        left = (self.acting == STANDING) & ~self.rested & (self.began != STANDING)
+        self.acting = np.where(left, self.began, self.acting)
+        self.switches[left] = 0
+        self.reconsidered = bool(left.any())
 
     def carried(self) -> dict[str, np.ndarray]:
         """What goes on from step to step, for checkpoints."""

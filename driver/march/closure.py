@@ -121,6 +121,8 @@ class Closure:
                 residuals["complementarity"] = max(residuals["complementarity"], missed)
                 return x, gradient, moved, residuals
             trace.again()
+            if self.rows.corners is not None:
+                self.rows.corners.reconsider()
             sliding = self.rows.sliding(x, self.rows.friction_bound(x))
         raise Unfinished(NotConverged(
             f"{step_name(index)}: the law of worn or rough surfaces is missed by {missed:.1e} "

@@ -38,6 +38,10 @@ class CornerStates:
                 self.fixed_point.condensation.select()
             self.index, self.others, self.none = index, None, None
             self.corners.begin_step()
+            self.corners.begin()
+        if self.corners.reconsidered:
+            self.fixed_point.condensation.select()
+            self.corners.reconsidered = False
         start = x, self.fixed_point.bodies.place(load), sliding
         while True:
             failure = None
