@@ -181,3 +181,50 @@ include "export.idp"
     assert not c["sigma_n"][-1].any() and c["wear"][-1].max() > 0
     worn = c["wear"][-1] @ c["weight"][-1]
     assert run.summary["quantities"]["worn_volume"] == pytest.approx(worn, rel=1e-12)
+
+
+CORNERS = """include "scene.idp"
+units("mm", "MPa");
+border b0(t=0, 1) { x = -4*(1 - t); y = 3*(1 - t); label = 11; }
+border b1(t=0, 1) { x = 5*t; y = 2*t; label = 4; }
+border b2(t=0, 1) { x = 5; y = 2 + 4*t; label = 9; }
+border b3(t=0, 1) { x = 5 - 9*t; y = 6; label = 2; }
+border b4(t=0, 1) { x = -4; y = 6 - 3*t; label = 30; }
+body = buildmesh(b0(9) + b1(11) + b2(6) + b3(12) + b4(5));
+macro young() 700. //
+macro poisson() 0.35 //
+quasistatic(4.);
+macro contact() 11, 4, 9 //
+macro friction() (label == 11 ? 0.4 : (label == 4 ? 0.2 : 0.1)) //
+macro gap() (label == 9 ? 0.003 : 0.) //
+macro load1() pressure(2, 4.) //
+macro load2() traction(2, 1.5, 0.3) //
+macro amplitude1(t) (t < 1 ? t : 1 - 0.2*(t - 1)) //
+macro amplitude2(t) (t < 1 ? 0. : sin(pi*(t - 1))) //
+macro stepTimes() [1., 1.5, 2.5, 3.5] //
+macro foundation() 30 //
+macro foundationNormal() 1. //
+macro foundationTangential() 0.3 //
+macro wear() 4e-3 //
+macro obstacleX(t) (label == 11 ? 0.02*max(0., t - 1) : 0.) //
+macro obstacleY(t) (label == 11 ? 0.015*max(0., t - 1) : 0.) //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("subdomains", ["1", "7"])
+@pytest.mark.some(1)
+def test_a_vertex_between_worn_sides_goes_as_friction_lets_it(solved, tmp_path, subdomains):
+    """In step 11 the vertex of labels 4 and 9 slides, and is short of its wall. The first tangents
+    of the law have it in its corner, which it must not keep. Values of a program of its own, that
+    tries the states of all nodes with the wear of the step.
+    """
+    path = tmp_path / "corners.edp"
+    path.write_text(CORNERS)
+    c = solved(path, subdomains=subdomains).contact
+    own = (c["x"][10] == 5) & (c["y"][10] == 2)
+    slides, wall = ((c["boundary"][10] == label) & own for label in (4, 9))
+    assert c["slip"][10, slides] == pytest.approx(0.000948, rel=2e-3)
+    assert c["sigma_t"][10, slides] == pytest.approx(-1.7299, rel=1e-3)
+    assert c["u_n"][10, wall] == pytest.approx(0.001309, rel=2e-3)
+    assert c["status"][10, wall] == "open"
