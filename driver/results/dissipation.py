@@ -99,8 +99,9 @@ class Dissipation:
         at the first of the loads.
         """
         normal, tangential = self.alone
-        return np.where(np.isfinite(normal), tangential, 0.0) * distance / np.maximum(normal,
-                                                                                      distance)
+        whole = np.maximum(normal, distance)
+        part = np.divide(distance, whole, out=np.zeros(len(whole)), where=whole > 0)
+        return part * np.where(np.isfinite(normal), tangential, 0.0)
 
     def _until_zero(self, time: float, name: str) -> np.ndarray:
         """(n,) part of the step to `time` after which a quantity has fallen to zero.

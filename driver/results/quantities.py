@@ -127,7 +127,9 @@ def beyond_ends(nodes: dict, piece: np.ndarray) -> np.ndarray:
     There is such an edge where a clamped node, which carries no contact condition, follows; the
     dual segment of the last node then covers half of it, between two bodies all of it. The edge
     that closes a ring is shared by both ends. Between nodes of quadratic elements it is half an
-    edge: a vertex has a third of it, the middle two thirds of either half.
+    edge: a vertex has a third of it, the middle two thirds of either half. Below zero is what an
+    end between two bodies faces less than its edge: that edge has straight shape functions, and
+    what it faces is what both its nodes have of it.
     """
     side = np.diff(nodes["arc"][piece])
     if not len(side):
@@ -138,8 +140,15 @@ def beyond_ends(nodes: dict, piece: np.ndarray) -> np.ndarray:
     if nodes["middle"].any():
         beyond = np.where(nodes["paired"][ends], weight - near / 3, 3 * weight - near)
         beyond = np.where(nodes["middle"][ends], near, beyond)
-    beyond[beyond < 1e-6 * near] = 0.0
-    if beyond.all() and is_ring(nodes, piece):
+    if len(side) > 1:
+        own = nodes.get("length", nodes["weight"])[piece]
+        for k, (end, next_one, far) in enumerate(((0, 1, side[1]), (-1, -2, side[-2]))):
+            if nodes["paired"][ends[k]] and not nodes["middle"][piece[[end, next_one]]].any():
+                rest = far / (3 if nodes["middle"].any() else 2)
+                beyond[k] = own[end] + own[next_one] - rest - near[k]
+    beyond[np.abs(beyond) < 1e-6 * near] = 0.0
+    beyond = np.where(nodes["paired"][ends], beyond, np.maximum(beyond, 0.0))
+    if (beyond > 0).all() and is_ring(nodes, piece):
         return np.full(2, np.linalg.norm(np.subtract(*nodes["xy"][ends])) / 2)
     return beyond
 
@@ -171,7 +180,7 @@ def traction(nodes: dict, pressure: np.ndarray, piece: np.ndarray) -> np.ndarray
         return p
     level = nodes["mirrored"][piece]
     for end, (near, far), edge in zip((0, -1), ((1, 2), (-2, -3)), beyond_ends(nodes, piece)):
-        if edge == 0 and len(piece) > 3 and min(p[[end, near, far]]) > 0 and not level[end]:
+        if edge <= 0 and len(piece) > 3 and min(p[[end, near, far]]) > 0 and not level[end]:
             slope = (p[near] - p[far]) / (x[near] - x[far])
             p[end] = max(0.0, p[near] + slope * (x[end] - x[near]))
     return p
@@ -208,7 +217,8 @@ def contact_length(nodes: dict, pieces: list[np.ndarray], steps: dict, index: in
             continue
         inside = float(np.diff(nodes["arc"][piece]) @ (closed[1:] & closed[:-1]))
         beyond = beyond_ends(nodes, piece)
-        total += float(beyond @ closed[[0, -1]]) + inside
+        whole = closed[[0, -1]] & closed[[1, -2]]  # edges at the ends
+        total += float(np.where(whole, beyond, np.maximum(beyond, 0.0)) @ closed[[0, -1]]) + inside
         parts = edges_of_contact(nodes, piece, steps, index)
         total += sum(part for _, _, part in parts)
         ends = [(0, -1, beyond[0]), (len(piece) - 1, len(piece), beyond[1])]

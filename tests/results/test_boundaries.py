@@ -193,3 +193,28 @@ def test_a_label_on_both_sides_of_another_one_has_its_own_length(scene, solved, 
     """What lies between its pieces is the other one's."""
     run = solved(scene(PIECES), ELEMENT=element)
     assert columns(run)["contact_length"][-1] == pytest.approx([20, 20], rel=1e-9)
+
+
+HANGING = """include "scene.idp"
+int[int] above = [5, 6, 7, 8];
+addBody(square({below}, 4, [3.*x, y - 1.]))
+addBody(square({above}, 4, [{start} + {long}*x, y], label = above))
+macro young() 1e3 //
+macro poisson() 0.3 //
+macro support() on(1, u1 = 0., u2 = 0.) + on(7, u1 = 0.) //
+macro displacement1() on(7, u2 = -0.01) //
+macro contactPair() 5, 3 //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+@pytest.mark.parametrize("start, long, length", [(-0.37, 2.0, 1.63), (1.21, 3.0, 1.79),
+                                                 (-0.41, 4.0, 3.0), (0.5, 2.0, 2.0)],
+                         ids=["left", "right", "both", "none"])
+@pytest.mark.some(4)
+def test_what_hangs_over_is_not_in_contact(scene, solved, element, start, long, length):
+    """Of edges that the other body ends under, the part that faces it."""
+    run = solved(scene(HANGING.format(start=start, long=long, below=11, above=9)), ELEMENT=element)
+    assert columns(run)["contact_length"][-1] == pytest.approx([length], rel=1e-9)
+    assert run.summary["quantities"]["contact_length"] == pytest.approx(length, rel=1e-9)
