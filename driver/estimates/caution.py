@@ -28,7 +28,9 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
 - where the coarsest mesh has so few nodes in contact that they tell nothing of it: an order with it
   may be chance, and no less is claimed than by the two other meshes alone;
 - where resultants and displacements change more and more from mesh to mesh, as where contact opens
-  elsewhere on each: not less than a mean of what the adjoint problem says and of the last change.
+  elsewhere on each: not less than a mean of what the adjoint problem says and of the last change;
+- for displacements where a node or two of a round boundary carry all: their force acts where a
+  node is, on all meshes that have it, and not where the boundaries would meet.
 
 Nor is less claimed than nodes leave open (results/touch.py). The contact length is claimed to no
 less than the doubt that the nodes next to its ends leave of them, and to BETWEEN times that where
@@ -64,6 +66,7 @@ COMPLIANCE = 0.65
 LIGHT = 0.25  # of the relative error in energy, and of the mean pressure
 SHEAR = 0.25  # of the square of the relative error in energy times the pressing force
 BALANCE = 1e-5  # of the pressing force: what tolerances leave of forces that loads give
+PRESSING = 3  # nodes that press on a round boundary: fewer have but one normal
 FEWEST = {"P1": 5}  # nodes in contact that tell something of it: those of four sides ...
 QUADRATIC = 7  # ... or three, of quadratic elements
 LONE = "two meshes say nothing of it"
@@ -100,6 +103,7 @@ class Caution:
     energy: float = 0.0  # relative error in the energy norm
     touch: Touch = field(default_factory=Touch)
     sizes: dict = field(default_factory=dict)  # of adjoint problems, by quantity
+    length: float = np.inf  # of the largest body
 
     @classmethod
     def of(cls, problem, touch: Touch, sizes: dict, energy: float = 0.0,
@@ -108,7 +112,8 @@ class Caution:
         element = problem.manifest.element
         polygons |= touch.round > 0 and "curved" not in problem.effects
         chords = element != "P1" and polygons
-        return cls(element, adapted, chords, stiffness(problem), energy, touch, sizes)
+        largest = float(problem.structure.travel.bodies.size.max(initial=0.0)) or np.inf
+        return cls(element, adapted, chords, stiffness(problem), energy, touch, sizes, largest)
 
     def parts(self, values: dict, runs: list, ratios: list[float], singular,
               touches: list[Touch] = ()) -> dict[str, Part]:
@@ -129,6 +134,9 @@ class Caution:
             return dict.fromkeys(parts, unknown) | {WAY: parts[WAY]}
         if WAY in values:
             parts[WAY] = self._square(parts[WAY], abs(values[WAY]))
+            if 0 < self.touch.round < PRESSING:  # their places, of sides beside the whole
+                share = min(1.0, self.touch.edges / self.length)
+                parts[WAY] = located(parts[WAY], share * abs(values[WAY]))
         if LENGTH in values:
             parts[LENGTH] = self._ended(parts[LENGTH], parts[WAY].error, _shape(touches, ratios))
             parts[LENGTH] = self._between(parts[LENGTH], changes[LENGTH])

@@ -164,7 +164,8 @@ def problem_of(manifest, effects):
     return SimpleNamespace(manifest=manifest, effects=effects, operator=SimpleNamespace(
         comm=MPI.COMM_SELF, structure=SimpleNamespace(contact=SimpleNamespace(
             motion_of_all_times=None))), structure=SimpleNamespace(
-                subdomains=[], outer_edges=np.zeros((0, 3), int)))
+                subdomains=[], outer_edges=np.zeros((0, 3), int),
+                travel=SimpleNamespace(bodies=SimpleNamespace(size=np.ones(1)))))
 
 
 @pytest.mark.parametrize("coulomb", [False, True])

@@ -35,8 +35,9 @@ def problem(poisson, element="P1", effects=(), plane="strain"):
     law = np.array([[[lame + 2 * mu, lame, 0], [lame, lame + 2 * mu, 0], [0, 0, mu]]])
     return SimpleNamespace(manifest=SimpleNamespace(element=element), effects=effects,
                            operator=SimpleNamespace(comm=MPI.COMM_SELF),
-                           structure=SimpleNamespace(subdomains=2 * [
-                               SimpleNamespace(elasticity=law)]))
+                           structure=SimpleNamespace(
+                               travel=SimpleNamespace(bodies=SimpleNamespace(size=np.ones(1))),
+                               subdomains=2 * [SimpleNamespace(elasticity=law)]))
 
 
 def test_linear_elements_in_what_keeps_its_volume_are_trusted_less():
@@ -335,3 +336,15 @@ def test_an_order_too_slow_to_be_one_leaves_the_adjoint_problem_alone(order, tol
         meshes = of(moved)["displacement"].error
         assert found == pytest.approx(min(bound, meshes / SAFETY) if told else max(alone, mean))
         assert meshes > 2 * 0.05 / SEES**2
+
+
+@pytest.mark.parametrize("pressing, error", [(1, 0.02), (2, 0.02), (3, 0.0), (0, 0.0)])
+def test_a_force_at_a_node_of_a_round_boundary_is_somewhere_on_its_sides(pressing, error):
+    """Meshes that have the node agree on the displacement: it errs by the sides beside it over the
+    length of the body all the same.
+    """
+    runs = 2 * [({"displacement": 1.0}, {"displacement": 1.0})]
+    touch = Touch(nodes=8, round=pressing, edges=0.2, open={})
+    part = Caution("P1", touch=touch, length=10.0).parts({"displacement": 1.0}, runs, [2.0, 2.0],
+                                                         ())["displacement"]
+    assert part.error == pytest.approx(error, abs=1e-12)
