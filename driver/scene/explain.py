@@ -69,7 +69,7 @@ def refusal(said: str, scene: Path) -> str:
     if twice := re.match(r"the parameter ('\w+') is read twice", said):
         quoted = twice[1].replace("'", '"')
         return f"{grammar.place(scene, quoted, -1)}: {said}"
-    if re.match(r"(rectangle|rotate|units|quasistatic|addBody|bodyMaterial)\b", said):
+    if re.match(r"(rectangle|rotate|units|quasistatic|addBody|bodyMaterial|subdomains)\b", said):
         return f"{grammar.uses(scene, first, -1 if 'twice' in said else 0)}: {said}"
     if file := re.search(r"[\w./-]+\.(?:geo|msh)\b", said):
         return f"{grammar.place(scene, re.escape(file[0]))}: {said}"
@@ -164,6 +164,8 @@ def _misunderstood(error: re.Match, lines: list[str], scene: Path, folder: Path)
         return _wrong_content(declared, scene)
     remedy = _mixed(wrapper, scene, path.name, int(number))
     if wrapper in rooms.vocabulary():
+        if error[4].strip() == ";":
+            remedy = remedy or ": the content of a macro ends at its //, without a ;"
         return (f"{grammar.place(scene, rf'macro {wrapper}')}: FreeFEM does not understand "
                 f"{wrapper}{token}{remedy}")
     if wrapper in dict(library_words()):
@@ -373,8 +375,12 @@ def _execution(output: str, status: int, scene: Path, retrace) -> str:
             reason = ("it is the same everywhere about a place where it is asked for, and gives no "
                       "direction there")
         return f"{place}: {now} cannot be evaluated: {reason}"
-    if bodies and now == "addBody":
-        return f"{grammar.uses(scene, 'addBody', bodies - 1)}: this body cannot be made: {reason}"
+    body = grammar.uses(scene, "addBody", bodies - 1) if bodies and now == "addBody" else ""
+    # a line further on in the scene; those of the library's own are beyond its end
+    line, last = re.search(r" line (\d+)$", body), len(grammar.sources(scene)[0].code)
+    after = line and number and int(line[1]) < int(number[1]) <= last
+    if body and not after:
+        return f"{body}: this body cannot be made: {reason}"
     where = scene.name
     if number and ("export" not in traced or now == "end"):
         where = _at(scene, int(number[1]), meshed="Exec error" not in output)

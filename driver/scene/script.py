@@ -95,6 +95,9 @@ def _macro_fault(name: str, code: str, library: str) -> str:
         return f"{name} needs a number: {name}1 ... {name}9"
     if name in rooms.vocabulary():
         return ""
+    numbered = re.fullmatch(r"(\w*?[A-Za-z])\d+", name)
+    if numbered and f"{numbered[1]}1" in rooms.vocabulary():
+        return f"{name}: its number is one from 1 to 9"
     if _is_word(name, library) and _is_word(name, grammar.without_texts(library)):
         return f"the name '{name}' is the library's own; choose another"
     if len(re.findall(rf"\b{name}\b", code)) == 1:

@@ -245,6 +245,9 @@ def test_names_of_freefem_are_what_the_library_has_undeclared():
     ("traction(3, 2., -10.)", "tracton(3, 2., -10.)", "did you mean traction"),
     ("traction(3, 2., -10.)", "bodyForce([0., -2.])", "did you mean bodyForce1"),
     ("traction(3, 2., -10.)", "traction(3, 2., q)", "'q'"),
+    ("friction() F", "friction() F;", "before token ;: the content of a macro ends at its //"),
+    ('subdomains("2x1")', 'subdomains("two")', "subdomains expects NxM"),
+    ("macro load1", "macro load10", "load10: its number is one from 1 to 9"),
     ("traction(3, 2., -10.)", "int1d(Ti, 3)(u1*v1)", "and springs by macro foundation() label //"),
     ('physical("friction"', "physical(friction", "a name that belongs in quotes"),
     ("quasistatic(1.);", "quasistatic(1.); quasistatic(2.);", "is called twice"),
@@ -284,6 +287,17 @@ def test_what_freefem_trips_over(said, old, new, words):
     assert words in message
     assert place(message) == line_of(old) + any(
         f"// \nmacro {name}" in new for name in ("a", "pairG", "probeL"))
+
+
+def test_what_fails_behind_the_last_body_is_not_the_bodys(said):
+    """It is in a line further on; within the body it is in one of the library's."""
+    bodies = ("rectangle(0., 2., 0., 1.);", "addBody(square(2, 2, [x, {y}]))")
+    behind = said((bodies[0], bodies[1].replace("{y}", "y")),
+                  ("macro friction", "assert(1 == 2);\nmacro friction"))
+    assert "FreeFEM failed in mine.edp" in behind and place(behind) == line_of("macro friction")
+    assert "an assert that does not hold" in behind
+    within = said((bodies[0], bodies[1].replace("{y}", "y/(x - x)")))
+    assert "this body cannot be made" in within and place(within) == line_of("rectangle")
 
 
 def test_a_label_that_freefem_takes_for_none_is_refused(said):
@@ -647,6 +661,7 @@ MESHED = (('include "scene.idp"', 'include "scene.idp"\ninclude "gmsh.idp"'),
                  " Line(7) = {7, 4};").replace("{1:4}", "{1:3, 5:7, 4}"),
      "nearer to one another than a ten-millionth"),
     (GEO.replace("1:4", "1:3"), "gmsh cannot mesh mine.geo"),
+    (GEO.replace("Physical Curve(3) = {3};", ""), "the numbers of their Physical Curve"),
     (GEO.replace("\nPhysical Surface(1) = {1};\n", " Physical Surface(1) = {1};"),
      "the last line of mine.geo has no line end"),
     (GEO.replace("Physical Surface(1) = {1};", ""), "give its surfaces a Physical Surface"),
