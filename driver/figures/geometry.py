@@ -186,7 +186,7 @@ def _load_arrows(axes, edges: tuple, traction: np.ndarray, label: np.ndarray,
     force = np.linalg.norm(traction, axis=1)
     longest = force.max(initial=0)
     for name in np.unique(label[force > 0]):
-        own = np.flatnonzero(label == name)
+        own = np.flatnonzero((label == name) & (force > 0))
         length = ARROW * size * max(force[own].max() / longest, SHORTEST)
         arrows = length * traction[own] / force[own].max()
         along = np.abs((_turned(normal[own]) * arrows).sum(axis=1)).max()

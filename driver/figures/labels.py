@@ -30,7 +30,8 @@ def label_numbers(axes, boundary: dict, edges: tuple, size: float, colours: dict
     arrows = _arrows(axes)
     for name in names if len(names) <= MOST_LABELS else ():
         own = np.flatnonzero(boundary["label"] == name)
-        role = str(boundary["role"][own[0]])
+        # a load may act on a part of its label
+        role = next((str(role) for role in boundary["role"][own] if role != "free"), "free")
         places = _places(own, edges, size, role)
         place, start, led = min(places, key=lambda p: p[-1] + _against(p, own, edges, size, taken,
                                                                       arrows))[:3]

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import agreed_writes
-from ..feti.gathering import joined
+from ..feti.gathering import joined, lookup
 from ..feti.structure import Substructure
 from ..feti.supports import constrained_keys
 from ..files import write_rows
@@ -17,37 +17,62 @@ from .tables import BOUNDARY, header
 def write_outline(path: Path, manifest: Manifest, structure: Substructure, comm) -> None:
     """Write the table to `path` on rank 0; collective. Raises InputError if that fails."""
     subs = structure.subdomains
-    traction = [k for k, pattern in enumerate(manifest.patterns) if pattern["given_on"] == "edges"]
     outline = np.zeros(manifest.nodes, bool)
     outline[structure.outer_edges[:, :2]] = outline[structure.outer_middles] = True
-    gid, xy, force, around = [], [], [], []
+    gid, xy, around, pushed, push = [], [], [], [], []
     for sub in subs:
         near = outline[sub.node_gid]
         gid.append(sub.node_gid[near])
         xy.append(sub.xy[near])
-        force.append(sub.loads[traction].sum(axis=0).reshape(-1, 2)[near])
         edges = sub.node_gid[sub.triangles[:, [0, 1, 1, 2, 2, 0]]].reshape(-1, 2)
         around.append(edges[outline[edges].all(axis=1)])  # counterclockwise
-    parts = comm.gather((joined(gid, np.int64), joined(xy, float, 2), joined(force, float, 2),
-                         constrained_keys(structure), _moves(structure),
-                         joined(around, np.int64, 2) @ [manifest.nodes, 1]))
+        where, force = _pushes(sub, manifest)
+        pushed.append(where)
+        push.append(force)
+    parts = comm.gather((joined(gid, np.int64), joined(xy, float, 2), constrained_keys(structure),
+                         _moves(structure), joined(around, np.int64, 2) @ [manifest.nodes, 1],
+                         joined(pushed, np.int64), joined(push, float, 2)))
     with agreed_writes(comm):
         if comm.rank == 0:
             write_rows(path, header(BOUNDARY), _rows(manifest, structure, parts))
 
 
+def _pushes(sub, manifest: Manifest) -> tuple[np.ndarray, np.ndarray]:
+    """Where a Subdomain's edges are loaded, and how much (n, 2), at amplitude 1.
+
+    Of linear elements forces on edges, by their ends as one number; of quadratic ones those of all
+    nodes, of which the middle of an edge is no other edge's.
+    """
+    if sub.elements.shape[1] == 3:
+        total = sum((moments.sum(axis=1) for moments in sub.edge_loads.values()),
+                    np.zeros((len(sub.edges), 2)))
+        where = np.sort(sub.node_gid[sub.edges], axis=1) @ [manifest.nodes, 1]
+    else:
+        on_edges = [k for k, of in enumerate(manifest.patterns) if of["given_on"] == "edges"]
+        total = sub.loads[on_edges].sum(axis=0).reshape(-1, 2)
+        where = sub.node_gid
+    loaded = total.any(axis=1)
+    return where[loaded], total[loaded]
+
+
 def _rows(manifest: Manifest, structure: Substructure, parts: list[tuple]) -> list[list]:
-    """Rows of the table from `parts` of every rank, see `_part`."""
-    place, push, fixed, moved = np.zeros((4, manifest.nodes, 2))
-    for gid, xy, force, keys, moves, _ in parts:
+    """Rows of the table from the `parts` that every rank has gathered."""
+    place, fixed, moved = np.zeros((3, manifest.nodes, 2))
+    for gid, xy, keys, moves, *_ in parts:
         place[gid] = xy
         fixed.ravel()[keys], moved.ravel()[keys] = 1, moves
-        np.add.at(push, gid, force)
     edges = structure.outer_edges.copy()
-    sides = np.concatenate([part[-1] for part in parts])
-    turned = ~np.isin(edges[:, :2] @ [manifest.nodes, 1], sides)
+    around, pushed, push = (np.concatenate([part[k] for part in parts]) for k in (4, 5, 6))
+    turned = ~np.isin(edges[:, :2] @ [manifest.nodes, 1], around)
     edges[turned, :2] = edges[turned, 1::-1]
-    traction = _edge_tractions(edges, structure.outer_middles, place, push, manifest.axisymmetric)
+    where = structure.outer_middles
+    if not len(where):
+        where = np.sort(edges[:, :2], axis=1) @ [manifest.nodes, 1]
+    force = _sums(pushed, push, where)
+    size = _measures(place, edges[:, :2], structure.outer_middles, manifest.axisymmetric)
+    traction = np.divide(force, size[:, None], out=np.zeros_like(force), where=size[:, None] > 0)
+    small = np.abs(traction) <= 1e-9 * np.abs(traction).max(initial=0)
+    traction[small] = 0.0
     paired = {label for pair in manifest.contact_pairs for label in pair}
     start, end, label = edges.T
     whole = {name: fixed[edges[label == name, :2]].min(axis=(0, 1))
@@ -92,63 +117,22 @@ def _moves(structure: Substructure) -> np.ndarray:
         structure.fixed_values, travel, structure.fixed)), float)
 
 
-def _edge_tractions(edges: np.ndarray, middles: np.ndarray, place: np.ndarray,
-                    push: np.ndarray, revolved: bool) -> np.ndarray:
-    """(n, 2) tractions of the outer edges, means of their label from nodal forces inside it.
-
-    `edges` (n, 3) have two ends and a label, `push` (nodes, 2) are the forces. A node's part of an
-    edge is the integral of its shape function, of bodies of revolution (`revolved`) times 2 pi r.
-    Of a curved label it is the mean of pressure and shear, where these vary less.
+def _sums(places: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """(m, 2) sums of the `values` (n, 2) at each of the `wanted` places (m,), among `places` (n,).
     """
-    along = place[edges[:, 1]] - place[edges[:, 0]]
-    size = np.linalg.norm(along, axis=1)
-    outward = np.column_stack([along[:, 1], -along[:, 0]])
-    nodes = np.column_stack([edges[:, :2], middles]) if len(middles) else edges[:, :2]
-    parts = _shape_integrals(place[edges[:, :2], 0] if revolved else None, len(middles) > 0)
-    lengths, normals = size[:, None] * parts, [c[:, None] * parts for c in outward.T]
-    if len(middles) and sides.are_curved(place[nodes]):
-        lengths = sides.integrals(place[nodes], revolved)
-        normals = np.moveaxis(sides.normals(place[nodes]), 2, 0)
-    length = np.bincount(nodes.ravel(), lengths.ravel(), len(place))
-    normal = np.column_stack([np.bincount(nodes.ravel(), of.ravel(), len(place))
-                              for of in normals])
-    first = np.full(len(place), np.iinfo(np.int64).max)
-    last = np.full(len(place), np.iinfo(np.int64).min)
-    np.minimum.at(first, nodes, edges[:, 2:])
-    np.maximum.at(last, nodes, edges[:, 2:])
-    inside = np.flatnonzero((first == last) & (length > 0))  # a quadratic one on the axis has none
-    traction = np.zeros((len(edges), 2))
-    for label in np.unique(first[inside]):
-        own, here = inside[first[inside] == label], edges[:, 2] == label
-        frame = outward[here] / size[here, None]
-        traction[here] = _mean_traction(push[own], length[own], normal[own], frame)
-    largest = np.abs(traction).max(initial=0)
-    return np.where(np.abs(traction) > 1e-9 * largest, traction, 0.0)
+    order = np.argsort(wanted)
+    at, known = lookup(wanted[order], places)
+    sums = np.zeros((len(wanted), 2))
+    np.add.at(sums, order[at[known]], values[known])
+    return sums
 
 
-def _shape_integrals(radii: np.ndarray | None, quadratic: bool) -> np.ndarray:
-    """Integrals of an edge's shape functions over its length, ends first, then the middle: (2,) or
-    (3,), or of (n, 2) radii at its ends (n, 2), (n, 3) with the weight 2 pi r.
+def _measures(place: np.ndarray, edges: np.ndarray, middles: np.ndarray,
+              revolved: bool) -> np.ndarray:
+    """(n,) what the edges (n, 2) have of a constant traction: lengths, of bodies of revolution
+    (`revolved`) times 2 pi r; of quadratic elements what the shape functions of `middles` have.
     """
-    if radii is None:
-        return np.array([1, 1, 4]) / 6 if quadratic else np.array([0.5, 0.5])
-    moments = [[1, 0, 2], [0, 1, 2]] if quadratic else [[2, 1], [1, 2]]
-    return 2 * np.pi * radii @ (np.array(moments) / 6)
-
-
-def _mean_traction(push: np.ndarray, length: np.ndarray, normal: np.ndarray,
-                   outward: np.ndarray) -> np.ndarray:
-    """(k, 2) tractions on edges with normals `outward` (k, 2), from nodes' forces (j, 2) with the
-    lengths (j,) of their parts and normals (j, 2) of any length.
-    """
-    mean = push.sum(axis=0) / length.sum()
-    unit = normal / np.linalg.norm(normal, axis=1, keepdims=True)
-    turned = np.column_stack([-unit[:, 1], unit[:, 0]])
-    local = np.column_stack([(push * unit).sum(axis=1), (push * turned).sum(axis=1)])
-    follows = local.sum(axis=0) / length.sum()
-    spread = [((of / length[:, None] - m) ** 2).sum(axis=1) @ length
-              for of, m in ((push, mean), (local, follows))]
-    if spread[1] < 0.5 * spread[0] and spread[0] > 1e-12 * (push**2).sum() / length.sum():
-        return (follows[0] * outward
-                + follows[1] * np.column_stack([-outward[:, 1], outward[:, 0]]))
-    return np.tile(mean, (len(outward), 1))
+    if len(middles):
+        return sides.integrals(place[np.column_stack([edges, middles])], revolved)[:, 2]
+    length = np.linalg.norm(place[edges[:, 1]] - place[edges[:, 0]], axis=1)
+    return length * 2 * np.pi * place[edges, 0].mean(axis=1) if revolved else length

@@ -23,6 +23,7 @@ MISTAKES = tuple((re.compile(start), words) for start, words in (
     (r"error operator\s+=", "a value of another kind than the variable's")))
 TYPES = r"real|int|bool|string|complex|mesh|matrix|varf|border|fespace|func\s+\w+"
 SAME_PLACE = re.compile(r"double points in\s+s = \d+ \(\[[^]]*\],\[([^]]*)\]")
+ENDS = ": the content of a macro ends at its //, without a ;"
 APART = "mesh bodies that touch one at a time and join them by addBody(...)"
 # what a run-time message of FreeFEM means for a scene
 MEANINGS = (
@@ -164,8 +165,7 @@ def _misunderstood(error: re.Match, lines: list[str], scene: Path, folder: Path)
         return _wrong_content(declared, scene)
     remedy = _mixed(wrapper, scene, path.name, int(number))
     if wrapper in rooms.vocabulary():
-        if error[4].strip() == ";":
-            remedy = remedy or ": the content of a macro ends at its //, without a ;"
+        remedy = remedy or ENDS * (error[4].strip() == ";")
         return (f"{grammar.place(scene, rf'macro {wrapper}')}: FreeFEM does not understand "
                 f"{wrapper}{token}{remedy}")
     if wrapper in dict(library_words()):
@@ -376,10 +376,9 @@ def _execution(output: str, status: int, scene: Path, retrace) -> str:
                       "direction there")
         return f"{place}: {now} cannot be evaluated: {reason}"
     body = grammar.uses(scene, "addBody", bodies - 1) if bodies and now == "addBody" else ""
-    # a line further on in the scene; those of the library's own are beyond its end
     line, last = re.search(r" line (\d+)$", body), len(grammar.sources(scene)[0].code)
-    after = line and number and int(line[1]) < int(number[1]) <= last
-    if body and not after:
+    # no line further on in the scene; those of the library's own are beyond its end
+    if body and not (line and number and int(line[1]) < int(number[1]) <= last):
         return f"{body}: this body cannot be made: {reason}"
     where = scene.name
     if number and ("export" not in traced or now == "end"):

@@ -218,3 +218,37 @@ def test_what_hangs_over_is_not_in_contact(scene, solved, element, start, long, 
     run = solved(scene(HANGING.format(start=start, long=long, below=11, above=9)), ELEMENT=element)
     assert columns(run)["contact_length"][-1] == pytest.approx([length], rel=1e-9)
     assert run.summary["quantities"]["contact_length"] == pytest.approx(length, rel=1e-9)
+
+
+PARTLY = """include "scene.idp"
+subdomains("3");
+rectangle(0., 2., 0., 1.);
+{more}
+macro young() 1e3 //
+macro poisson() 0.3 //
+macro support() on(1, u1 = 0., u2 = 0.) //
+macro load1() traction(3, 0.5, (x > 0.7 && x < 1.3 ? -4. : 0.)) + pressure(2, 2. + y) //
+macro load2() pressure(2, 1.) //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+@pytest.mark.parametrize("more", ["", "macro axisymmetric() 1 //"], ids=["plane", "revolved"])
+@pytest.mark.some(2)
+def test_tractions_of_the_outline_are_those_of_each_edge(scene, solved, element, more):
+    """Of all loads, at amplitude one; where a label is loaded in part the rest is not."""
+    run = solved(scene(PARTLY.format(more=more)), ELEMENT=element, cells=8)
+    table = read_table(run.directory / "boundary.csv")
+    x, y, label, px, py = (np.array(table[name], float) for name in (
+        "x0", "y0", "label", "traction_x", "traction_y"))
+    x, y = ((one + np.array(table[name], float)) / 2 for one, name in ((x, "x1"), (y, "y1")))
+    top, right = label == 3, label == 2
+    # quadratic elements: by the middles' forces, which weigh what varies on an edge
+    accuracy = 1e-9 if element == "P1" and not more else 2e-2
+    np.testing.assert_allclose(px[top], 0.5, rtol=accuracy)
+    loaded = np.abs(x[top] - 1) < 0.3
+    np.testing.assert_allclose(py[top], np.where(loaded, -4.0, 0.0), rtol=accuracy, atol=1e-9)
+    np.testing.assert_allclose(px[right], -(3 + y[right]), rtol=accuracy)
+    assert not px[~top & ~right].any() and not py[~top].any()
+    assert set(np.array(table["role"])[top]) == {"load"}

@@ -307,23 +307,6 @@ def test_pieces_hold_what_one_file_does_whoever_writes_them(exported, tmp_path, 
             ("Float64", "Points")}
 
 
-@pytest.mark.parametrize("stress", [1e-16, 1.0, 1e12])
-def test_a_pressure_turns_with_its_edges_and_a_pull_does_not(stress):
-    """From nodal forces on an arc, whatever the unit: the mean of a traction that is the same
-    everywhere, or normal and tangential parts that are the same everywhere.
-    """
-    angle, edge = np.linspace(0.1, 1.5, 8), np.linspace(0.2, 1.4, 7)
-    normal, outward = (np.column_stack([np.cos(a), np.sin(a)]) for a in (angle, edge))
-    turned, along = (np.column_stack([-n[:, 1], n[:, 0]]) for n in (normal, outward))
-    length = np.where(np.isin(angle, angle[[0, -1]]), 0.1, 0.2)
-    pull = stress * np.array([1.0, -2.0])
-    found = outline._mean_traction(length[:, None] * pull, length, 5 * normal, outward)
-    np.testing.assert_allclose(found, np.tile(pull, (7, 1)), rtol=1e-12)
-    push = length[:, None] * stress * (3.0 * normal + 0.5 * turned)
-    found = outline._mean_traction(push, length, 5 * normal, outward)
-    np.testing.assert_allclose(found, stress * (3.0 * outward + 0.5 * along), rtol=1e-12)
-
-
 @pytest.mark.parametrize("quadratic", [False, True])
 @pytest.mark.parametrize("ring", [False, True])
 def test_lines_are_the_sides_between_contact_nodes(ring, quadratic):

@@ -271,39 +271,6 @@ def test_rings_of_curved_edges_are_those_of_straight_ones_where_they_are_straigh
     assert not probes._integral(probes._Edges(*np.zeros((3, 0))), xy).any()
 
 
-def test_tractions_of_the_outline_are_those_of_its_forces():
-    """Means over a label; along a curve pressure and shear turn with it, a constant pull does not.
-    """
-    angle = np.linspace(0, np.pi, 13)
-    place = np.column_stack([np.cos(angle), np.sin(angle)])
-    along = np.diff(place, axis=0)
-    size = np.linalg.norm(along, axis=1)
-    outward = np.column_stack([along[:, 1], -along[:, 0]]) / size[:, None]
-    edges = np.column_stack([np.arange(12), np.arange(1, 13), np.full(12, 4)])
-    turned = np.column_stack([-outward[:, 1], outward[:, 0]])
-    for exact in (-3 * outward + turned, np.tile([2.0, -1.0], (12, 1))):
-        push = np.zeros((13, 2))
-        for end in (0, 1):
-            np.add.at(push, edges[:, end], exact * size[:, None] / 2)
-        found = outline._edge_tractions(edges, np.zeros(0, int), place, push, False)
-        np.testing.assert_allclose(found, exact, rtol=2e-2)
-    assert not outline._edge_tractions(edges, np.zeros(0, int), place, 0 * push, False).any()
-
-
-@pytest.mark.parametrize("quadratic", [False, True])
-def test_integrals_of_an_edges_shape_functions(quadratic):
-    """Over its length, and over rings between two radii."""
-    at = (np.arange(1000) + 0.5) / 1000
-    phi = np.array([1 - at, at])
-    if quadratic:
-        phi = np.array([(1 - at) * (1 - 2 * at), at * (2 * at - 1), 4 * at * (1 - at)])
-    np.testing.assert_allclose(outline._shape_integrals(None, quadratic), phi.mean(axis=1),
-                               atol=1e-6)
-    radii = np.array([[1.0, 3.0], [0.0, 2.0]])
-    rings = np.array([(phi * (2 * np.pi * (a + at * (b - a)))).mean(axis=1) for a, b in radii])
-    np.testing.assert_allclose(outline._shape_integrals(radii, quadratic), rings, atol=1e-4)
-
-
 # ------------------------------------------------------------------------------ single nodes
 
 def test_boundaries_of_a_single_node_have_its_length():
