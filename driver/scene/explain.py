@@ -351,8 +351,7 @@ def _execution(output: str, status: int, scene: Path, retrace) -> str:
                                    if line.startswith(("Exec error", "Error", "Fatal error"))))
     number = re.search(r"current line = (\d+)", output)
     if "dlerror" in output:
-        plugin = re.search(r"dlerror : (\S+?)\.so", output)
-        name = plugin[1] if plugin else ""
+        name = (re.findall(r"dlerror : (\S+?)\.so", output) or [""])[0]
         return f"{grammar.place(scene, rf'load.*{name}')}: FreeFEM has no plugin {name}"
     if same := SAME_PLACE.search(output):
         file = grammar.place(scene, "[.](geo|msh)")
