@@ -11,6 +11,7 @@ SHAPED = {"obstacle", "obstacle_motion", "large_sliding", "bilateral"}  # else i
 SMOOTH, ROUND = np.cos(np.radians((20, 30)))  # normals of neighbours, and of a label's ends
 DIAMOND = 1e12  # Pa: twice its shear modulus
 COARSE = 0.01  # RTOL beyond which forces are guesses; FRICTION_RTOL: ten times that
+FAR = 3.0  # times the size of the largest body
 SLIDES = 1e-6  # part of the largest slip that is one
 FACES = 0.5  # part of a node's dual segment below which it faces nothing
 OVERLAP, FACETS = 1e-3, 0.05  # of the boundary's size, of a dual segment: what facets may overlap
@@ -39,6 +40,17 @@ def warnings(boundary: ContactBoundary, declared, displacements: list[float],
             said.append(f"{name.upper()}={getattr(settings, name):g} is so coarse that forces and "
                         f"zones are guesses; {limit:g} is the most that makes sense")
     return said
+
+
+def far_moves(structure, displacements: list[float]) -> list[str]:
+    """A sentence where bodies without support move by several times the size of all of them."""
+    size = structure.travel.bodies.size.max(initial=0.0)
+    largest = max(displacements, default=0.0)
+    if not structure.rigid_modes or largest <= FAR * size:
+        return []
+    return [f"a body without support moves by {largest:.3g}, {largest / size:.0f} times the size "
+            "of the largest body, until something holds it: does it begin where it should, in the "
+            "unit of the others?"]
 
 
 def support_jumps(jumps: list) -> list[str]:

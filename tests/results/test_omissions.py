@@ -227,3 +227,12 @@ def test_loads_are_told_body_by_body(run_of):
     for name, force in (("traction", -2.0), ("body_force", -1.0)):
         assert loads[name][order] == pytest.approx([0.0, force], abs=1e-12)
         assert loads[name][1 - order] == [0.0, 0.0]
+
+
+def test_a_body_that_begins_far_away_is_said(run_of):
+    """As one drawn in another unit; its fall onto the other is no deformation."""
+    said = {bottom: run_of(BLOCKS.format(bottom=bottom, more="")).summary["warnings"]
+            for bottom in (2.0, 30.0)}
+    assert not any("without support moves by" in line for line in said[2.0])
+    line, = (line for line in said[30.0] if "without support moves by 29" in line)
+    assert "times the size of the largest body" in line
