@@ -47,7 +47,9 @@ def geometry(figure: Figure, run: Run) -> None:
                    0.016 * size)
     _load_arrows(axes, edges, traction, boundary["label"], size)
     handles += _weight(axes, run, xy, size)
-    label_numbers(axes, boundary, edges, size, LINES)
+    moved = np.any([boundary["moved_x"], boundary["moved_y"]], axis=0)
+    roles = np.where(moved & (role == "support"), "moved", role)
+    label_numbers(axes, {**boundary, "role": roles}, edges, size, LINES | {"moved": PURPLE})
     if run.summary["sizes"]["subdomains"] > 1:
         handles.append(Line2D([], [], color="0.62", lw=0.6, label="subdomains"))
     axes.autoscale_view()

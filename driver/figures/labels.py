@@ -17,7 +17,8 @@ INSIDE, OUTSIDE, AWAY = 0.032, 0.04, 0.075  # of the body's size: distance from 
 APART, CLEAR = 0.045, 0.026  # of the body's size: from another number, from an arrow
 TOUCHING = 0.3  # of a number's distance from its boundary, by which another one may be nearer
 # what there is against a place
-CROWDED, FOREIGN, CROSSED, LED, INTO, OUTER, BUSY, FAR = 5.0, 4.0, 3.0, 1.5, 1.0, 0.5, 0.5, 0.4
+CROWDED, FOREIGN, CROSSED, LED, BETWEEN, INTO, OUTER, BUSY, FAR = (
+    5.0, 4.0, 3.0, 1.5, 1.2, 1.0, 0.5, 0.5, 0.4)
 
 
 def label_numbers(axes, boundary: dict, edges: tuple, size: float, colours: dict) -> None:
@@ -98,7 +99,12 @@ def _against(candidate: tuple, own: np.ndarray, edges: tuple, size: float, taken
     wanted = np.linalg.norm(place - point)
     # bodies that touch have two boundaries in one place, but for their polygons
     foreign = away[own].min() > nearest + TOUCHING * wanted
-    return against + FOREIGN * (foreign or nearest < 0.75 * wanted)
+    # as near to the other side of a thin body
+    beyond = distances(point, *edges[:2]) > wanted
+    beyond[own] = False
+    between = away[beyond].min(initial=np.inf) < (1 + TOUCHING) * wanted
+    return (against + BETWEEN * between
+            + FOREIGN * (foreign or nearest < 0.75 * wanted))
 
 
 def _arrows(axes) -> tuple[np.ndarray, np.ndarray]:

@@ -10,6 +10,7 @@ from .reading import Run, select
 from .style import INK
 
 FAR = 0.35  # of the body's size; obstacles farther away are not drawn
+BACK = -0.5  # cosine of the turn of normals from node to node that is no corner
 NEAR = 0.1  # of the body's size: what is drawn of an obstacle beyond the picture
 FLAT = 1e-9  # 1 - cosine between normals of a flat obstacle
 REACH = 0.2  # of a picture's width: half of what is drawn of a plane
@@ -104,6 +105,12 @@ def draw_planes(axes, rows: dict, places: np.ndarray, width: float, factor: floa
     hatch(axes, start, end, normal, width, INK)
 
 
+def _facing(nodes: np.ndarray, normal: np.ndarray) -> list[np.ndarray]:
+    """Runs of nodes (k,) that meet one surface: not one from above and the next from below."""
+    back = (normal[nodes][1:] * normal[nodes][:-1]).sum(axis=1) < BACK
+    return [run for run in np.split(nodes, np.flatnonzero(back) + 1) if len(run)]
+
+
 def draw_obstacle(axes, rows: dict, size: float, factor: float, away: float = 0.0,
                   times: float = 0.0) -> None:
     """The surface of the rigid obstacles, hatched, `away` outside of where it is.
@@ -114,10 +121,8 @@ def draw_obstacle(axes, rows: dict, size: float, factor: float, away: float = 0.
     normal = np.column_stack([rows["normal_x"], rows["normal_y"]])
     gap = rows["gap"] * factor
     surface = np.column_stack([rows["x"], rows["y"]]) * factor + (gap + away)[:, None] * normal
-    for piece in pieces(rows):
-        near = piece[np.abs(gap[piece]) < FAR * size]
-        if not len(near):
-            continue
+    for near in (part for piece in pieces(rows)
+                 for part in _facing(piece[np.abs(gap[piece]) < FAR * size], normal)):
         points = surface[near]
         if len(near) == 1:
             along = np.column_stack([-normal[near][:, 1], normal[near][:, 0]]) * 0.05 * size
