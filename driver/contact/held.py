@@ -19,25 +19,27 @@ from ..errors import InputError
 from ..feti.supports import free_along
 from . import mortar
 
-# of what a place meets: less is the rounding of its coordinate, or how displaced normals tilt
-SOME = 1e-2
+# coefficients from which on a node is met: less comes of the rounding of coordinates, or of the
+# tilt of displaced normals
+LEAST_SHARE = 1e-2
 
 
-def yielding(first, second, gids: tuple, fixed_keys: np.ndarray, normal: np.ndarray,
-             rubs: np.ndarray, able: np.ndarray,
-             reach: float | None) -> tuple[np.ndarray, np.ndarray]:
-    """(n,) nodes of the side `first` that are held in a direction in which `second` can move.
+def lost_and_guided(first, second, gids: tuple, fixed_keys: np.ndarray, normal: np.ndarray,
+                    rubs: np.ndarray, able: np.ndarray,
+                    reach: float | None) -> tuple[np.ndarray, np.ndarray]:
+    """Which nodes of the side `first` have no row, and which are guided, (n,) each.
 
-    That is along the `normal` (n, 2) or, of nodes that rub, (n,), along the tangent. And (n,) those
-    that are guided: held in a component in which what they meet is held as well. `gids` are those
-    of the nodes of both sides; `able` and `reach` as of mortar.couple.
+    No row have those that are held in a direction in which `second` can move: along the `normal`
+    (n, 2) or, of nodes that rub, (n,), along the tangent. Guided are those held in a component in
+    which all that they meet is held as well, if they meet anything. `gids` are those of the nodes
+    of both sides; `able` and `reach` as of mortar.couple.
     """
     own, others = gids
-    found, guided = np.zeros((2, len(own)), bool)
+    lost, guided = np.zeros((2, len(own)), bool)
     if not np.isin(own, fixed_keys // 2).any():
-        return found, guided
+        return lost, guided
     node, of, value = mortar.met_at_nodes(first, second, able, reach)
-    node, of = (column[np.abs(value) > SOME] for column in (node, of))
+    node, of = (column[np.abs(value) > LEAST_SHARE] for column in (node, of))
 
     def meets(which: np.ndarray) -> np.ndarray:
         return np.bincount(node, which, len(own)) > 0
@@ -45,11 +47,11 @@ def yielding(first, second, gids: tuple, fixed_keys: np.ndarray, normal: np.ndar
     tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
     for direction, asked in ((normal, True), (tangent, rubs)):
         stands = asked & ~free_along(own, direction, fixed_keys)
-        found |= stands & meets(free_along(others[of], direction[node], fixed_keys))
+        lost |= stands & meets(free_along(others[of], direction[node], fixed_keys))
     for component in (0, 1):
         held, theirs = (np.isin(2 * gid + component, fixed_keys) for gid in (own, others))
         guided |= held & meets(theirs[of]) & ~meets(~theirs[of])
-    return found, guided
+    return lost, guided
 
 
 def check_passed_on(first, labels: np.ndarray, lost: np.ndarray, held: np.ndarray, pairs: list,

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..contact import mortar
 from ..contact.boundary import Configuration
-from ..contact.held import check_passed_on, yielding
+from ..contact.held import check_passed_on, lost_and_guided
 from ..contact.side import Side, before_flanks, rises, sagitta, split
 from ..errors import InputError
 from ..feti.edges import edge_labels, outward_edges
@@ -65,7 +65,10 @@ class PairSides:
 
     def couple(self, pairs: list[tuple[int, int]], nodes: np.ndarray, facing: np.ndarray,
                corner: np.ndarray, rubs: np.ndarray, reach: float | None = None):
-        """Weight, length (n,), normal (n, 2), gap, guided (n,) and terms (node, gid, value, other).
+        """What the contact nodes meet: weight and length (n,) of what faces them, normal (n, 2),
+        gap (n,), guided (n,) which of them carry pressure and no friction (contact/held.py), and
+        the terms of the jump, one for every node of either side: contact node, gid, coefficient,
+        whether it is the other side's, (terms,) each.
 
         The contact `nodes` (n,), by gids, face as `facing` (n, 2): two at a corner are a condition
         each, the first boundary's normals and multipliers being those of one of its flanks. At a
@@ -97,8 +100,8 @@ class PairSides:
         normal = first.nodal_normals() if reach is None else self.at_first[labels]
         rubbing = np.zeros(len(gids), bool)
         rubbing[places] = rubs
-        lost, guided = yielding(first, second, (gids, others), self.fixed[0], normal, rubbing, able,
-                                reach)
+        lost, guided = lost_and_guided(first, second, (gids, others), self.fixed[0], normal,
+                                       rubbing, able, reach)
         lost &= ~tip
         held = held_nodes(gids, self.fixed[0]) | tip | lost
         both = np.isin(self.fixed[0] // 2, others).any()

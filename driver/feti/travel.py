@@ -129,8 +129,9 @@ def _at(keys: np.ndarray, bodies: Bodies, subdomains, comm) -> tuple[np.ndarray,
         motions = motions[np.arange(len(own)), sub.dof_component[sub.fixed]]
         parts.append((own, np.full(len(own), body), motions))
     own, body, motions = (gather(comm, np.concatenate(column)) for column in zip(*parts))
-    _, first = np.unique(own, return_index=True)
-    return body[first], motions[first]
+    known, first = np.unique(own, return_index=True)
+    at = first[np.searchsorted(known, keys)]
+    return body[at], motions[at]
 
 
 def _rigid_part(motions: np.ndarray, component: np.ndarray, given: np.ndarray) -> np.ndarray:

@@ -146,14 +146,14 @@ def _single(dice: Dice, quadratic: bool) -> Bodies:
                               dice.pick(1, 1, 2, 4))
     shape, touching, pattern = _touching(dice, shape, rectangle)
     rest = [side for side in shape.sides if side.label not in touching and not side.hole]
-    press = _press(dice, shape, touching)
+    press = _press(shape, touching)
     rest.sort(key=lambda side: float(side.normal @ press))
     holds = _holds(dice, rest, [side for side in shape.sides if side.hole
                                 and side.label not in touching])
     held = {hold.label for hold in holds if hold.kind != "roller"}
     loaded = [side for side in rest if side.label not in held] or [
         side for side in shape.sides if side.label not in held and side.label not in touching]
-    piece = _piece(dice, shape) if not rectangle and dice.chance(0.15) else ""
+    piece = _piece(dice) if not rectangle and dice.chance(0.15) else ""
     return Bodies(shape.name, pattern, (shape,), (_length(dice, shape, quadratic),),
                   tuple(touching), (), tuple(holds), tuple(loaded),
                   (float(press[0]), float(press[1])), rectangle, piece)
@@ -197,7 +197,7 @@ def _touching(dice: Dice, shape: Shape, rectangle: bool) -> tuple[Shape, list[in
     return shape, around, pattern
 
 
-def _press(dice: Dice, shape: Shape, touching: list[int]) -> np.ndarray:
+def _press(shape: Shape, touching: list[int]) -> np.ndarray:
     """(2,) unit vector into the contact: the sum of its normals, else downwards."""
     total = sum(side.length * side.normal for side in shape.labelled(*touching))
     size = np.hypot(*total)
@@ -218,7 +218,7 @@ def _holds(dice: Dice, rest: list[Side], holes: list[Side]) -> list[Hold]:
     return [Hold("moved" if kind == "moved" else "clamped", side.label)]
 
 
-def _piece(dice: Dice, shape: Shape) -> str:
+def _piece(dice: Dice) -> str:
     """A number of the subdomain by place, or by element."""
     return dice.pick("nuTriangle - 5*floor(nuTriangle/5.)", "floor(nuTriangle/3.)", "nuTriangle")
 

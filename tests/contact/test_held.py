@@ -49,13 +49,13 @@ def flat(n: int, y: float, up: bool) -> Side:
 
 
 def lost(fixed: list, frictional=True, n=4, m=3) -> list[int]:
-    """Nodes that `held.yielding` finds, of n edges on m, for fixed (side, node, component)."""
+    """Nodes without a row, of n edges on m, for fixed (side, node, component)."""
     first, second = flat(n, 0.0, up=False), flat(m, 0.0, up=True)
     keys = np.sort([2 * (node + (n + 1) * side) + c for side, node, c in fixed])
     gids = np.arange(n + 1), n + 1 + np.arange(m + 1)
     facing = np.ones((n, m), bool)
-    found, _ = held.yielding(first, second, gids, keys, first.nodal_normals(),
-                             np.full(n + 1, frictional), facing, None)
+    found, _ = held.lost_and_guided(first, second, gids, keys, first.nodal_normals(),
+                                    np.full(n + 1, frictional), facing, None)
     return np.flatnonzero(found).tolist()
 
 
@@ -140,9 +140,9 @@ def test_nodes_on_a_line_of_symmetry_are_guided(aside, found):
     first, second = flat(4, 0.0, up=False), flat(3, 0.0, up=True)
     first.xy[:, 0] += aside
     gids, keys = (np.arange(5), 5 + np.arange(4)), np.array([0, 10])
-    lost_, guided = held.yielding(first, second, gids, keys, first.nodal_normals(),
-                                  np.ones(5, bool), np.ones((4, 3), bool), 1.0)
-    assert [np.flatnonzero(of).tolist() for of in (lost_, guided)] == found
+    both = held.lost_and_guided(first, second, gids, keys, first.nodal_normals(),
+                                np.ones(5, bool), np.ones((4, 3), bool), 1.0)
+    assert [np.flatnonzero(of).tolist() for of in both] == found
 
 
 # half of a rounded punch on a block, held on the line of symmetry of both, or the whole of them
