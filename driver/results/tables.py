@@ -57,8 +57,9 @@ GEOMETRIES = Column("geometries", "1", "contact geometries of the step, where co
 LABEL = Column("boundary", "1", "label of the contact boundary, where there are several; at a node "
                "in which one goes on in another that of the longer part")
 
-PEAK = Column("peak_pressure", "stress", "largest contact pressure, located between nodes; "
-              "of bilateral contact the largest |sigma_n|")
+PEAK = Column("peak_pressure", "stress", "largest contact pressure, located between nodes, with "
+              "linear elements at ends of the boundary continued from inside; of bilateral contact "
+              "the largest |sigma_n|")
 
 HISTORY = (
     *STEP,
