@@ -72,11 +72,18 @@ def frames(solved, scene, *changes, angle="", **options):
 
 
 def assert_same_contact(one, other, tolerance: float) -> None:
-    """The same forces, states and relative motion."""
+    """The same forces, states and relative motion.
+
+    What rests in a corner with just the friction that it can have sticks or slips by rounding.
+    """
     for name in ("sigma_n", "sigma_t", "slip"):
         size = np.abs(other.contact[name]).max()
         np.testing.assert_allclose(one.contact[name], other.contact[name], atol=tolerance * size)
-    np.testing.assert_array_equal(one.contact["status"], other.contact["status"])
+    c = other.contact
+    ties = ((np.abs(c["slip"]) < 1e-9 * np.abs(c["slip"]).max()) & (c["status"] != "open")
+            & (np.abs(c["sigma_t"]) >= (1 - 1e-9) * c["bound"]))
+    np.testing.assert_array_equal(np.where(ties, "", one.contact["status"]),
+                                  np.where(ties, "", c["status"]))
     over = [run.contact["u_n"] - run.contact["gap"] for run in (one, other)]
     np.testing.assert_allclose(*over, atol=tolerance * np.abs(other.contact["u_n"]).max())
 
