@@ -134,14 +134,15 @@ def of_run(solver, law, boundary) -> Dissipation:
     moves = motion is not None and not motion.rests(*solver.times[:2])
     begin = start(solver.effects, law, boundary.weight, solver.amplitudes[:, acts], moves)
     alone = None
-    if begin is not None and motion is None and boundary.following is None and not (
-            solver.initial.any()):
-        alone = without_contact(solver, len(boundary.gid))
+    if begin is not None and boundary.following is None and not solver.initial.any():
+        alone = without_contact(solver, boundary)
     return Dissipation(boundary.weight, boundary.gap, begin, alone)
 
 
-def without_contact(solver, count: int) -> np.ndarray:
-    """(2, count) as `alone` of Dissipation, of a `solver`'s first step; collective."""
+def without_contact(solver, boundary) -> np.ndarray:
+    """(2, n) as `alone` of Dissipation, of a `solver`'s first step, relative to obstacles of the
+    `boundary` that move; collective.
+    """
     operator, rows = solver.operator, solver.rows
     patterns = operator.structure.patterns
     weights = np.zeros(patterns + operator.modes)
@@ -153,7 +154,11 @@ def without_contact(solver, count: int) -> np.ndarray:
     found = np.zeros((2, len(operator.structure.contact.gid)))
     found[0, rows.normal_node] = np.where(free[rows.normal], np.inf, moved[rows.normal])
     found[1, rows.tangential_node] = moved[rows.tangential]
-    return np.sum(operator.comm.allgather(found), axis=0)[:, :count]
+    found = np.sum(operator.comm.allgather(found), axis=0)[:, : len(boundary.gid)]
+    start, end = solver.times[:2]
+    found[0] += boundary.gap - boundary.at(end).gap
+    found[1] -= boundary.way(start, end)
+    return found
 
 
 def start(effects, law, weight: np.ndarray, amplitudes: np.ndarray,
