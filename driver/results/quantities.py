@@ -172,17 +172,18 @@ def traction(nodes: dict, pressure: np.ndarray, piece: np.ndarray) -> np.ndarray
 
     An end node has half a dual segment and one or two triangles: force over weight errs there by
     O(h) however smooth the pressure is. The line through its neighbours is of second order. With
-    quadratic elements so is the node's own: its shape function has no first moment. So it is on a
-    line of symmetry, where `mirrored` nodes (n,) are: there the pressure is level.
+    quadratic elements so is the node's own: its shape function has no first moment. On a line of
+    symmetry, where `mirrored` nodes (n,) are, pressure is level, and that a parabola.
     """
     p, x = pressure[piece].copy(), nodes["arc"][piece]
     if nodes["middle"].any():
         return p
     level = nodes["mirrored"][piece]
     for end, (near, far), edge in zip((0, -1), ((1, 2), (-2, -3)), beyond_ends(nodes, piece)):
-        if edge <= 0 and len(piece) > 3 and min(p[[end, near, far]]) > 0 and not level[end]:
-            slope = (p[near] - p[far]) / (x[near] - x[far])
-            p[end] = max(0.0, p[near] + slope * (x[end] - x[near]))
+        if edge <= 0 and len(piece) > 3 and min(p[[end, near, far]]) > 0:
+            one, two = np.abs(x[[near, far]] - x[end])
+            share = one**2 / (two**2 - one**2) if level[end] else one / (two - one)
+            p[end] = max(0.0, p[near] + share * (p[near] - p[far]))
     return p
 
 

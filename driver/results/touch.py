@@ -162,11 +162,15 @@ def _standing_out(nodes: dict, pressure: np.ndarray) -> float:
     middles, and the largest is one that is too high. Means of 1, 2, 1 parts of three nodes remove
     what alternates from node to node, of which they lack half of what a node stands out from the
     mean of its neighbours; of a smooth pressure that is h^2 |p''| / 4, of second order. At an edge
-    of contact it is not smooth.
+    of contact it is not smooth. In a plane of symmetry the next node has its mirror image.
     """
     found = [0.0]
     for piece in chains(nodes):
-        p, x = pressure[piece], nodes["arc"][piece]
+        p, x, level = pressure[piece], nodes["arc"][piece], nodes["mirrored"][piece]
+        if len(p) > 1 and level[0]:
+            p, x, level = np.append(p[1], p), np.append(2 * x[0] - x[1], x), np.append(False, level)
+        if len(p) > 1 and level[-1]:
+            p, x = np.append(p, p[-2]), np.append(x, 2 * x[-1] - x[-2])
         k = int(np.argmax(p))
         if 0 < k < len(p) - 1 and p[k - 1 : k + 2].min() > 0:
             part = (x[k] - x[k - 1]) / (x[k + 1] - x[k - 1])

@@ -725,11 +725,25 @@ def test_contact_that_pulls_and_pushes_alike_is_no_lost_contact():
 
 
 def test_pressure_is_level_at_a_line_of_symmetry():
-    """The node there counts as it is; elsewhere an end is continued from inside."""
+    """An even parabola is met exactly there; elsewhere an end is continued by a line."""
     x = np.linspace(0.0, 1.0, 6)
     nodes = {"arc": x, "xy": np.column_stack([x, 0 * x]),
              "weight": np.array([1, 2, 2, 2, 2, 1]) / 10,
              "paired": x < 0, "middle": x < 0, "mirrored": x == 0}
-    pressure = np.array([7.0, 5.0, 4.0, 3.0, 2.0, 9.0])
+    pressure = 7 - 5 * x**2
+    pressure[[0, -1]] = 9.0
     found = q.traction(nodes, pressure, np.arange(6))
-    assert found == pytest.approx([7, 5, 4, 3, 2, 1])
+    assert found[:-1] == pytest.approx((7 - 5 * x**2)[:-1])
+    assert found[-1] == pytest.approx(2 * pressure[-2] - pressure[-3])
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_largest_pressure_at_a_line_of_symmetry_stands_out_from_its_image(side):
+    """By as much as the next node on one side and its image on the other say."""
+    x = np.linspace(0.0, 1.0, 6)
+    nodes = {"arc": x, "xy": np.column_stack([x, 0 * x]), "chain": np.zeros(6, int),
+             "mirrored": (x == 0)[::side]}
+    pressure = np.array([7.0, 5.0, 4.0, 3.0, 2.0, 1.0])[::side]
+    assert touch._standing_out(nodes, pressure) == pytest.approx((7 - 5) / 2)
+    nodes["mirrored"] = x < 0
+    assert touch._standing_out(nodes, pressure) == 0.0
