@@ -44,7 +44,8 @@ class SupportEnds:
             np.maximum.at(highest, end, self.label)
         self.inner, self.of = lowest == highest, lowest  # vertices of one label, and which
         self.jumps = []
-        self.largest = float((np.abs(self.values) @ np.abs(self.factors).T).max(initial=0.0))
+        self.largest = float(np.abs(self.values).max(axis=0, initial=0.0)
+                             @ np.abs(self.factors).max(axis=0, initial=0.0))
         self._where(skeleton)
         for component in (0, 1):
             self._settle(component)
