@@ -229,7 +229,9 @@ class Validity:
             now = true_distance.polygon(place[a] + moved[a], place[b] + moved[b])
             true, normal = now.distance((xy + u)[at])
             turn = _angle(normal, own[at])
-            if self.boundary.about is None:
+            if self.boundary.about is not None:
+                turn = np.maximum(turn - facets, 0.0)
+            else:
                 before, normal = true_distance.polygon(place[a], place[b]).distance(xy[at])
                 true = true - before + self.boundary.gap[touching[at]]
                 turn = np.maximum(turn - np.minimum(_angle(normal, own[at]), facets), 0.0)

@@ -11,8 +11,10 @@ import numpy as np
 
 from .gathering import gather, lookup
 
-JUMP = 10.0  # times what the displacement changes by along the next edge
-SMALL = 1e-3  # part of the largest prescribed displacement that is none
+JUMP = 10.0  # times what the displacement changes by along the next edges
+WAY = 4  # vertices that tell a jump from a smooth change
+SMALL = 1e-6  # part of the largest prescribed displacement that is none
+NOTHING = 1e-9  # part of a pattern's largest displacement that is rounding
 
 
 @dataclass
@@ -67,9 +69,13 @@ class SupportEnds:
         """Of what labels that meet say along x or y one is taken, and what of it jumps noted."""
         row, held = lookup(self.keys, 2 * self.node + component)
         moves = np.zeros((len(self.node), len(self.numbers)), bool)
-        moves[held] = self.values[row[held]] != 0
+        moves[held] = np.abs(self.values[row[held]]) > NOTHING * np.abs(self.values).max(axis=0)
         of_label = {label: moves[self.inner & held & (self.of == label)].any(axis=0)
                     for label in np.unique(self.of[self.inner & held]).tolist()}
+        for label in np.setdiff1d(self.label, self.of[self.inner]).tolist():
+            both = np.unique(self.at[self.label == label])  # no vertex is its own: what its ends do
+            if held[both].all():
+                of_label[label] = moves[both].all(axis=0)
         ends = np.flatnonzero(~self.inner & held & moves.any(axis=1))
         for vertex in ends:
             labels = np.unique(self.label[(self.at == vertex).any(axis=1)]).tolist()
@@ -88,18 +94,24 @@ class SupportEnds:
             self.values[row, ~last] = 0.0
 
     def _compare(self, vertex: int, component: int, row: np.ndarray, held: np.ndarray) -> None:
-        """Note the labels along which the next two vertices move otherwise."""
+        """Note the labels along which the next vertices move otherwise."""
         mine = np.flatnonzero((self.at == vertex).any(axis=1))
         for edge in mine:
-            near = self.at[edge].sum() - vertex
-            beyond = [k for k in np.flatnonzero((self.at == near).any(axis=1)) if k != edge]
-            if not self.inner[near] or len(beyond) != 1:
+            way = self._way(vertex, edge)
+            if len(way) < WAY or not held[way].all():
                 continue
-            far = self.at[beyond[0]].sum() - near
-            if not held[[near, far]].all():
-                continue
-            moves = self.values[row[[vertex, near, far]]] @ self.factors.T
-            step, next_step = np.abs(np.diff(moves, axis=0)).max(axis=1)
-            if step > max(JUMP * next_step, SMALL * self.largest):
+            moves = self.values[row[way]] @ self.factors.T
+            step, *next_ones = np.abs(np.diff(moves, axis=0)).max(axis=1)
+            if step > max(JUMP * max(next_ones), SMALL * self.largest):
                 self.jumps.append(Jump(self.place[vertex], component, int(self.label[edge]),
                                        np.unique(self.label[mine]).tolist(), float(step)))
+
+    def _way(self, vertex: int, edge: int) -> list[int]:
+        """Vertices of one label from `vertex` on, the first `edge` being given: WAY at most."""
+        way = [vertex]
+        while edge is not None:
+            way.append(int(self.at[edge].sum()) - way[-1])
+            beyond = [k for k in np.flatnonzero((self.at == way[-1]).any(axis=1)) if k != edge]
+            inside = len(way) < WAY and self.inner[way[-1]] and len(beyond) == 1
+            edge = beyond[0] if inside else None
+        return way

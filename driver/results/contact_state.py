@@ -190,8 +190,9 @@ class ContactState:
     def _cycle_ends(self, step: Step) -> None:
         """A cycle ends; what grows in those that are jumped over after it has grown."""
         now = {MOVED: self._elastic, WORN: self.worn, SLID: self._slid}
-        for name in step.grown if step.skips else ():
-            if name in now:
+        # of nodes without a row the march does not see whether they slide
+        for name in {*step.grown, SLID} if step.skips else ():
+            if name in now and name in self._begun:
                 now[name] = now[name] + step.skips * (now[name] - self._begun[name])
         self._begun, self._elastic = now, now[MOVED]
         self.worn, self._slid = now[WORN], now[SLID]

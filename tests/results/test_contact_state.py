@@ -146,6 +146,10 @@ def test_what_has_grown_in_a_cycle_grows_as_much_in_each_that_is_jumped_over(ski
     np.testing.assert_allclose(of._slid, [0.0, 0.25 + 0.25 * skips])
     np.testing.assert_allclose(of._elastic, [1.5, 1.0])
     np.testing.assert_allclose(of.worn, [0.75 + 0.25 * skips, 0.5])
+    of._begun[SLID] = of._slid - 1.0
+    before = of._slid
+    of._cycle_ends(SimpleNamespace(skips=skips, grown=()))  # the march does not see held nodes
+    np.testing.assert_allclose(of._slid, before + skips)
     assert of._begun[WORN] is of.worn and of._begun[MOVED] is of._elastic
     of._cycle_ends(SimpleNamespace(skips=skips, grown=(MOVED,)))
     np.testing.assert_allclose(of._elastic, [1.5, 1.0])
