@@ -12,7 +12,7 @@ import pytest
 from driver import environment
 from driver.contact.states import ContactField
 from driver.files import read_fields, read_table
-from driver.results import contact_lines, outline
+from driver.results import contact_lines
 from driver.results.contact_lines import ContactLines
 
 

@@ -9,8 +9,7 @@ import pytest
 from mpi4py import MPI
 
 from driver.contact.states import OPEN, SLIP, STICK, ContactField
-from driver.results import (outline, places, probes, quantities, screen, shares, summary, tables,
-                            touch)
+from driver.results import places, probes, quantities, screen, shares, summary, tables, touch
 from driver.results.boundaries import _one_boundary
 from driver.results.ledger import shares as seconds_of
 from driver.results.nodal_means import NodalMeans
