@@ -328,6 +328,8 @@ def test_times_after_the_last_are_those_of_the_cycle():
     assert motion.returns()
     motion.angle[4] = 1.0
     assert not motion.returns()
+    motion.angle[4] = -2.4e-16  # sin(2 pi), and all along the history
+    assert motion.returns()
 
 
 def test_a_moving_outline_is_seen_from_where_it_stands():

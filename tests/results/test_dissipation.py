@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from driver.contact.states import ContactField as C
-from driver.results.dissipation import LEFT, Dissipation
+from driver.results.dissipation import HOLD, LEFT, Dissipation
 from driver.results.record import Record
 
 F = 0.3
@@ -95,6 +95,26 @@ def test_one_step_in_which_a_node_touches(alone, rubbed):
     work = of.add(1.0, {name: np.array([value]) for name, value in state.items()})
     assert work == pytest.approx(F * 5 * rubbed / 2, rel=1e-12)
     assert of.open == pytest.approx(LEFT * F * 5 * (1.0 - rubbed) / 2, rel=1e-12, abs=1e-15)
+
+
+def test_of_a_node_that_nothing_holds_half_the_way_is_taken():
+    """And the other half is left open, as it may have gone any part of it before it touched."""
+    of = Dissipation(np.ones(1), np.array([0.4]), np.zeros(1), np.full((2, 1), np.inf))
+    state = {C.U_N: 0.4, C.SLIP: 1.0, C.BOUND: F * 5, C.SIGMA_T: -F * 5}
+    work = of.add(1.0, {name: np.array([value]) for name, value in state.items()})
+    assert work == pytest.approx(F * 5 / 4) and of.open == pytest.approx(F * 5 / 4)
+
+
+def test_nodes_that_touch_in_turn_hold_one_another():
+    """A part of their work is open; nothing of that of nodes that touch at once."""
+    def left(*normal):
+        of = Dissipation(np.ones(2), np.full(2, 0.4), np.zeros(2), np.array([normal, (0.0, 0.0)]))
+        state = {C.U_N: 0.4, C.SLIP: 1.0, C.BOUND: F * 5, C.SIGMA_T: -F * 5}
+        work = of.add(1.0, {name: np.full(2, value) for name, value in state.items()})
+        assert work.sum() == pytest.approx(F * 5)
+        return of.open
+
+    assert left(0.8, 0.8) == 0.0 and left(0.8, 0.5) == pytest.approx(HOLD * F * 5)
 
 
 ONTO = """include "scene.idp"
