@@ -49,7 +49,8 @@ class Dissipation:
         `start` (n,): friction bounds (tractions) at time 0; None where the run starts from a loaded
         state, whose bounds and distances are taken for those of the first step. `alone` (2, n):
         normal and tangential displacement that the first step would end with were there no contact,
-        infinite where nothing else holds a node, or it is not known; None where contact follows.
+        infinite where nothing else holds a node, or it is not known; None where no node is apart, or
+        contact follows the motion.
         """
         self.weight, self.gap, self.alone = weight, gap, alone
         self.open = 0.0  # of the work, what first touches within the first step leave open
@@ -142,7 +143,7 @@ def of_run(solver, law, boundary) -> Dissipation:
     moves = motion is not None and not motion.rests(*solver.times[:2])
     begin = start(solver.effects, law, boundary.weight, solver.amplitudes[:, acts], moves)
     alone = None
-    if begin is not None and boundary.following is None:
+    if begin is not None and boundary.following is None and (boundary.gap > 0).any():
         alone = without_contact(solver, boundary)
     return Dissipation(boundary.weight, boundary.gap, begin, alone)
 
