@@ -49,8 +49,8 @@ class Dissipation:
         `start` (n,): friction bounds (tractions) at time 0; None where the run starts from a loaded
         state, whose bounds and distances are taken for those of the first step. `alone` (2, n):
         normal and tangential displacement that the first step would end with were there no contact,
-        infinite where nothing else holds a node, or it is not known; None where no node is apart, or
-        contact follows the motion.
+        infinite where nothing else holds a node, or it is not known; None where no node is apart,
+        or contact follows the motion.
         """
         self.weight, self.gap, self.alone = weight, gap, alone
         self.open = 0.0  # of the work, what first touches within the first step leave open
