@@ -90,7 +90,7 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm, friction
     touching = kind[order] != RowKind.GLUING
     table = ContactTable(*(gather(comm, of[touching]) for of in (
         begin + np.arange(len(order)), kind[order], scale, yielding)))
-    edges, middles = skeleton.outline()
+    edges, middles = skeleton.outline
     return Substructure(subdomains, first, manifest.subdomains, *local,
                         coarse_dofs=len(corner_keys), dual_dofs=sum(counts), row_kind=kind[order],
                         row_scale=scale, row_stiffness=stiffness, at_contact=table,

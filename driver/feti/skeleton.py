@@ -136,6 +136,7 @@ class Skeleton:
         """(n,) whether vertices, the same on every rank, are middles of edges; collective."""
         return largest(self.comm, np.isin(gids, self.middles).astype(np.int64)) > 0
 
+    @cached_property
     def outline(self) -> tuple[np.ndarray, np.ndarray]:
         """Gid, gid, label (n, 3) of the untorn body's edges, and gids of their middles, if any.
 

@@ -36,7 +36,7 @@ class SupportEnds:
         self.keys, self.values = fixed[0], fixed[1].copy()
         self.numbers = np.array([pattern["amplitude"] for pattern in manifest.patterns], int)
         self.factors = manifest.factors
-        edges, _ = skeleton.outline()
+        edges, _ = skeleton.outline
         self.node, at = np.unique(edges[:, :2], return_inverse=True)
         self.at, self.label = at.reshape(-1, 2), edges[:, 2]
         lowest = np.full(len(self.node), np.iinfo(np.int64).max)

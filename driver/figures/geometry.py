@@ -47,8 +47,7 @@ def geometry(figure: Figure, run: Run) -> None:
                    0.016 * size)
     _load_arrows(axes, edges, traction, boundary["label"], size)
     handles += _weight(axes, run, xy, size)
-    moved = np.any([boundary["moved_x"], boundary["moved_y"]], axis=0)
-    roles = np.where(moved & (role == "support"), "moved", role)
+    roles = np.where(_moved(boundary) & (role == "support"), "moved", role)
     label_numbers(axes, {**boundary, "role": roles}, edges, size, LINES | {"moved": PURPLE})
     if run.summary["sizes"]["subdomains"] > 1:
         handles.append(Line2D([], [], color="0.62", lw=0.6, label="subdomains"))
@@ -117,11 +116,16 @@ def _boundary_handles(role: np.ndarray, loaded: np.ndarray) -> list:
     return handles
 
 
+def _moved(boundary: dict) -> np.ndarray:
+    """(e,) whether supports move the edges."""
+    return np.any([boundary["moved_x"], boundary["moved_y"]], axis=0)
+
+
 def _supports(axes, boundary: dict, edges: tuple, size: float) -> list:
     """Hatches where both components are held, circles for rollers; violet where they move."""
     start, end, normal = edges
     held = np.column_stack([boundary["fixed_x"], boundary["fixed_y"]]) > 0
-    moved = np.any([boundary["moved_x"], boundary["moved_y"]], axis=0)
+    moved = _moved(boundary)
     kinds = {"both": held.all(axis=1), "one": held.any(axis=1) & ~held.all(axis=1)}
     handles = []
     for moves, colour in ((False, BLUE), (True, PURPLE)):

@@ -166,10 +166,11 @@ def _standing_out(nodes: dict, pressure: np.ndarray) -> float:
     """
     found = [0.0]
     for piece in chains(nodes):
-        p, x, level = pressure[piece], nodes["arc"][piece], nodes["mirrored"][piece]
-        if len(p) > 1 and level[0]:
-            p, x, level = np.append(p[1], p), np.append(2 * x[0] - x[1], x), np.append(False, level)
-        if len(p) > 1 and level[-1]:
+        p, x = pressure[piece], nodes["arc"][piece]
+        first, last = nodes["mirrored"][piece[[0, -1]]] & (len(piece) > 1)
+        if first:
+            p, x = np.append(p[1], p), np.append(2 * x[0] - x[1], x)
+        if last:
             p, x = np.append(p, p[-2]), np.append(x, 2 * x[-1] - x[-2])
         k = int(np.argmax(p))
         if 0 < k < len(p) - 1 and p[k - 1 : k + 2].min() > 0:
