@@ -27,15 +27,15 @@ from .gathering import Gathering, gather, joined, lookup
 from .reduction import LocalClass
 from .structure import Substructure, partition
 
-LARGE = 100_000  # coarse dofs from which ranks share a solution; one rank alone is faster without
+LARGE = 2_000  # coarse dofs from which ranks share a solution; by itself one rank is faster without
 
 
 class CoarseProblem:
     """S_rho^-1 between the stacked corner dofs of the ranks' subdomains; collective over `comm`.
 
     Corner dofs are stacked class by class as `LocalClass.corners` says; `numbers` are their numbers
-    in the coarse problem. `entries` is the number of entries of factors on this rank, `received`
-    that of the numbers that it gets for a solution, in so many `messages`. `rho` (modes,) are the
+    in the coarse problem. `work` are the multiplications that a solution takes of this rank,
+    `received` is how many numbers it gets for it, in so many `messages`. `rho` (modes,) are the
     springs' compliances, zero until they are set; `pins` are the dofs that are pinned in S_cc^+.
     Raises NoSolution if S_cc is singular but for springs.
     """
@@ -50,7 +50,7 @@ class CoarseProblem:
         self.numbers = joined([corners[s] for s in order], int)
         modes = self.motions.shape[1]
         self.pins = np.sort(qr(self.motions.T, pivoting=True)[2][:modes]) if modes else []
-        self.entries = self.received = self.messages = 0
+        self.work = self.received = self.messages = 0
         self._latest = None
         self._shared = None
         if self.dofs > LARGE:
@@ -70,7 +70,7 @@ class CoarseProblem:
         negative, _, _ = checked.getInertia()
         if negative or checked.getMumpsInfog(28):
             raise NoSolution(f"the coarse problem's {SINGULAR}")
-        self.entries = checked.getMumpsInfog(29)
+        self.work = 2 * checked.getMumpsInfog(29)
         # MUMPS vouches for the matrix; CHOLMOD's triangular solves are several times faster
         factor = factorized(matrix, "cholmod")
         right, solution = (PETSc.Vec().createSeq(S.shape[0]) for _ in range(2))
@@ -96,9 +96,8 @@ class CoarseProblem:
         return (diags(free) @ S @ diags(free) + diags(stiffness * (1.0 - free))).tocsr()
 
     def _dissect(self, structure: Substructure, classes: list[LocalClass]) -> None:
-        """Share the problem between the ranks; corners of subdomains with contact stay to the last.
-
-        Their rows and columns of the inverse are asked for.
+        """Share the problem between the ranks. What is asked of the inverse is known: rows and columns
+        of corners of subdomains with contact.
         """
         corners, subs = structure.corner_global, structure.subdomains
         matrices = [None] * len(subs)
@@ -106,16 +105,16 @@ class CoarseProblem:
             for s in c.members:
                 matrices[s] = c.S.ravel()
         group, depth = grouped(middles(structure), self.comm)
-        kept, pins = np.zeros((2, self.dofs), bool)
+        asked, pins = np.zeros((2, self.dofs), bool)
         near = sorted({*structure.renewed, *structure.touching})
-        kept[gather(self.comm, joined((corners[s] for s in near), int))] = True
+        asked[gather(self.comm, joined((corners[s] for s in near), int))] = True
         pins[self.pins] = True
         self._numbers, self._count = joined(corners, int), len(subs)
         self._of = np.repeat(np.arange(len(subs)), [len(c) for c in corners])
         elements = Elements(self._numbers, np.array([len(c) for c in corners], np.int64), group,
                             joined(matrices, float))
-        self._shared = Dissection(self.comm, elements, depth, kept, pins)
-        self.entries, self.received = self._shared.entries, self._shared.received
+        self._shared = Dissection(self.comm, elements, depth, asked, pins)
+        self.work, self.received = self._shared.work, self._shared.received
         self.messages = self._shared.messages
         if self.motions.shape[1]:
             self._springs()

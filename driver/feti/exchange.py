@@ -129,27 +129,28 @@ class Route:
 
     def __init__(self, comm, to: np.ndarray):
         """`to` (n,): the rank that each of this rank's entries goes to."""
-        self.comm = comm
-        if comm.size == 1:
+        self._stays = not comm.allreduce(bool(np.any(to != comm.rank)))
+        if self._stays:  # on all ranks
             return
         self._order = np.argsort(to, kind="stable")
         sent, received = np.bincount(to, minlength=comm.size), np.empty(comm.size, np.int64)
         comm.Alltoall(sent, received)
         sources, targets = np.flatnonzero(received), np.flatnonzero(sent)
         self._counts = sent[targets], received[sources]
+        self._others = sources != comm.rank
         graph = sources.tolist(), targets.tolist()
         self._there = comm.Create_dist_graph_adjacent(*graph, reorder=False)
         self._back = comm.Create_dist_graph_adjacent(*graph[::-1], reorder=False)
 
     def forward(self, values: np.ndarray) -> np.ndarray:
         """(m,) what has come here, in rank order, then as sent, for `values` (n,) of entries."""
-        if self.comm.size == 1:
+        if self._stays:
             return values
         return _to_neighbours(self._there, values[self._order], *self._counts)
 
     def backward(self, values: np.ndarray) -> np.ndarray:
         """(n,) `values` (m,) of what has come here, sent back to where it came from."""
-        if self.comm.size == 1:
+        if self._stays:
             return values
         result = np.empty(len(self._order), values.dtype)
         result[self._order] = _to_neighbours(self._back, values, *self._counts[::-1])
@@ -157,13 +158,13 @@ class Route:
 
     @property
     def size(self) -> int:
-        """Entries that come here, of this rank itself as well; 0 on one rank."""
-        return 0 if self.comm.size == 1 else int(self._counts[1].sum())
+        """Entries that come here from other ranks."""
+        return 0 if self._stays else int(self._counts[1][self._others].sum())
 
     @property
     def neighbours(self) -> int:
-        """Ranks that entries come from."""
-        return 0 if self.comm.size == 1 else len(self._counts[1])
+        """Other ranks that entries come from."""
+        return 0 if self._stays else int(self._others.sum())
 
 
 def _to_neighbours(graph, values: np.ndarray, sent: np.ndarray,

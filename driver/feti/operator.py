@@ -276,7 +276,7 @@ class DualOperator(DualProblem):
     def load(self) -> dict[str, int]:
         """What a product takes of this rank: multiplications, and messages that it receives."""
         local = sum(len(c.members) * (c.F.size + 2 * c.A.size) for c in self.classes)
-        return {"work": local + 2 * self.coarse.entries,
+        return {"work": local + self.coarse.work,
                 "messages": 2 * self.vectors.neighbours + self.coarse.messages}
 
     def message_bytes(self) -> dict[str, int]:

@@ -1,12 +1,14 @@
 """Nested dissection of a sum over elements, against the dense matrix."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from mpi4py import MPI
 
 from driver.errors import NoSolution
 from driver.feti import dissection
-from driver.feti.dissection import Dissection, Elements, grouped
+from driver.feti.dissection import Dissection, Elements, _holders, grouped
 
 SIDE = 7  # cells along either side of a square, an element each, with two dofs a vertex
 
@@ -52,27 +54,25 @@ def test_groups_are_halves_of_halves():
     assert grouped(np.zeros((0, 2)), MPI.COMM_SELF)[1] == 0
 
 
-@pytest.mark.parametrize("merged", [1, 2])
 @pytest.mark.parametrize("stiff", [1.0, 1e6])
-def test_solutions_are_those_of_the_dense_matrix(monkeypatch, merged, stiff):
+def test_solutions_are_those_of_the_dense_matrix(stiff):
     """With forces of each element added up; dofs that are asked for stay to the last."""
-    monkeypatch.setattr(dissection, "MERGED", merged)
     dofs, places = cells()
     group, depth = grouped(places, MPI.COMM_SELF)
     parts, dense = elements(group, stiff)
     kept, pins = np.zeros((2, len(dense)), bool)
     kept[[0, 1, 50, 77]] = True
     shared = Dissection(MPI.COMM_SELF, parts, depth, kept, pins)
-    assert len(shared.levels) == (5 if merged == 1 else 3)
+    assert len(shared.levels) == 5
     forces = np.random.default_rng(2).standard_normal(dofs.size)
     total = np.bincount(dofs.ravel(), forces)
     exact = np.linalg.solve(dense, total)
     np.testing.assert_allclose(shared.solve(forces), exact[dofs.ravel()],
                                atol=1e-9 * np.abs(exact).max())
-    assert np.isin([0, 1, 50, 77], shared.top).all()
+    assert shared.top.tolist() == [0, 1, 50, 77]
     inverse = np.linalg.inv(dense)[np.ix_(shared.top, shared.top)]
     np.testing.assert_allclose(shared.inverse, inverse, atol=1e-9 * np.abs(inverse).max())
-    assert shared.entries > shared.inverse.size and shared.received == shared.messages == 0
+    assert shared.received == shared.messages == 0
 
 
 def test_pinned_dofs_do_not_move():
@@ -105,3 +105,33 @@ def test_what_is_loose_is_refused():
     kept[0] = True  # found at the top
     with pytest.raises(NoSolution):
         Dissection(MPI.COMM_SELF, parts, depth, kept, none)
+
+
+@pytest.mark.parametrize("ranks", [1, 2, 5, 8, 32])
+def test_groups_of_groups_go_to_ranks_without_any(ranks):
+    """Those of groups lie side by side; above them no rank has groups of two levels."""
+    comm, taken = SimpleNamespace(size=ranks), []
+    for depth in range(7):
+        groups = 2**depth
+        holders = _holders(np.arange(groups), groups, comm)
+        assert (np.diff(holders) >= 0).all() and 0 <= holders.min() <= holders.max() < ranks
+        if groups < ranks:
+            taken += holders.tolist()
+    if ranks in (8, 32):
+        assert len(set(taken)) == len(taken) == ranks - 1
+
+
+def test_what_is_asked_for_changes_no_solution():
+    """Groups of one padded shape may have fewer dofs; asking for some of them costs nothing."""
+    dofs, places = cells()
+    group, depth = grouped(places, MPI.COMM_SELF)
+    solutions, works = [], []
+    for asked in ([], [0, 1, 50, 77]):
+        parts, dense = elements(group)
+        kept, pins = np.zeros((2, len(dense)), bool)
+        kept[asked] = True
+        shared = Dissection(MPI.COMM_SELF, parts, depth, kept, pins)
+        solutions.append(shared.solve(np.ones(dofs.size)))
+        works.append(shared.work)
+    np.testing.assert_array_equal(*solutions)
+    assert works[0] == works[1] < len(dense) ** 2

@@ -110,15 +110,15 @@ for directory in sys.argv[1:]:
     assert same(heard, found[np.isin(every.gids, known.gids)])
     x = np.random.default_rng(7).standard_normal(structure.dual_dofs)
     small = DualOperator(whole, alone).apply(x).copy()
-    before = coarse.LARGE, dissection.GROUP, dissection.MERGED, vectors.MANY
-    coarse.LARGE, dissection.GROUP, dissection.MERGED, vectors.MANY = 0, 2, 1, 0
+    before = coarse.LARGE, dissection.GROUP, vectors.MANY
+    coarse.LARGE, dissection.GROUP, vectors.MANY = 0, 2, 0
     op, reference = DualOperator(structure, comm), DualOperator(whole, alone)
     y, expected = op.apply(x[own]).copy(), reference.apply(x).copy()
     assert len(op.coarse._shared.levels) > 1 or manifest.subdomains == 2
     assert same(y, expected[own]) and op.dot(x[own], y) == reference.dot(x, expected)
     # the same arithmetic in another order, S_cc with condition numbers up to 1e4
     assert np.abs(expected - small).max() <= 1e-10 * np.abs(small).max()
-    (coarse.LARGE, dissection.GROUP, dissection.MERGED, vectors.MANY) = before
+    (coarse.LARGE, dissection.GROUP, vectors.MANY) = before
     near = [s for s, rows in enumerate(whole.rows) if whole.at_contact.has(rows.row).any()]
     corners = np.unique(np.concatenate([whole.corner_global[s] for s in near]))
     inverse = DualOperator(whole, alone).coarse.inverse(corners)
