@@ -31,80 +31,119 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm, friction
     springs = all_springs(manifest, subdomains, comm)
     fixed, travel = separated(skeleton, subdomains, fixed, springs.subdomain, comm,
                               manifest.axisymmetric)
-    corners, fixed_keys = corner_vertices(skeleton), fixed[0]
-    is_corner = np.isin(skeleton.gids, corners)
-    corner_keys = np.sort(gather(comm, free_keys(
-        skeleton.gids[is_corner & skeleton.owned], fixed_keys)))
-    stop = first + len(subdomains)
-    plain = (skeleton.count == 2) & ~is_corner & skeleton.owned
-    gluing = free_keys(skeleton.gids[plain], fixed_keys)
-    normal_rows = np.flatnonzero(free_along(contact.gid, contact.normal, fixed_keys))
-    tangential_rows = np.empty(0, np.int64)
-    # where the support fixes the normal direction there is no contact pressure to rub under
-    if frictional:
-        tangential_rows = normal_rows[_slides(contact, fixed_keys)[normal_rows]]
-    owner = skeleton.at(contact.gid, skeleton.owner)
-    normal_rows, tangential_rows = (rows[(owner[rows] >= first) & (owner[rows] < stop)]
-                                    for rows in (normal_rows, tangential_rows))
-
-    # (owner, kind, position) of every row of the rank; sorting them gives the numbering
-    kind = np.repeat([RowKind.GLUING, RowKind.NORMAL, RowKind.TANGENTIAL],
-                     [len(gluing), len(normal_rows), len(tangential_rows)])
-    kind[len(gluing) : len(gluing) + len(normal_rows)][contact.is_joint[normal_rows]] = (
-        RowKind.JOINED)
-    row_gid = np.concatenate([gluing // 2, contact.gid[normal_rows], contact.gid[tangential_rows]])
-    node = np.searchsorted(skeleton.gids, row_gid)
-    row_owner = skeleton.owner[node]
-    position = np.concatenate([gluing, normal_rows, tangential_rows])
-    order = np.lexsort((position, kind, row_owner))
-    counts = comm.allgather(len(order))
-    begin = sum(counts[: comm.rank])
-    number = np.empty(len(order), np.int64)
-    number[order] = begin + np.arange(len(order))
-    n_g, n_n = len(gluing), len(normal_rows)
-    contact.normal_row[normal_rows] = number[n_g : n_g + n_n]
-    contact.tangential_row[tangential_rows] = number[n_g + n_n :]
-    contact.normal_row, contact.tangential_row = (
-        largest(comm, rows) for rows in (contact.normal_row, contact.tangential_row))
-
-    yielding = np.zeros(len(order))
-    if compliance is not None:
-        yielding[number[n_g : n_g + n_n] - begin] = compliance[normal_rows]
+    corner_keys, gluing = _torn(skeleton, fixed[0], comm)
     share, counted = shares(skeleton, contact)
-    seen, stiffness = (
-        seen_stiffness(skeleton, row_gid[order], kind[order], np.concatenate(
-            [np.ones(len(gluing)), of_node[normal_rows], of_node[tangential_rows]])[order])
-        for of_node in (share, counted))
+    own = _OwnRows(skeleton, gluing, *_contact_rows(skeleton, contact, fixed[0], frictional,
+                                                    range(first, first + len(subdomains))),
+                   contact, comm)
+    seen, stiffness = (seen_stiffness(skeleton, own.gid[own.order], own.kind[own.order],
+                                      own.with_contact(of_node, 1.0))
+                       for of_node in (share, counted))
     scale = row_scale(seen, float(largest(comm, np.array([seen.max(initial=0.0)]))[0]))
-    row_starts = np.searchsorted(row_owner[order], first + np.arange(len(subdomains)))
-    glued = np.full((len(skeleton.gids), 2), -1)
-    glued[node[:n_g], gluing % 2] = number[:n_g]
-    glued = skeleton.over_ranks(np.maximum, glued)
-    numbering = _Numbering(skeleton, corner_keys, fixed, glued, contact, share)
+    numbering = _Numbering(skeleton, corner_keys, fixed, own.glued(skeleton), contact, share)
     local = numbering.localize(subdomains)
     if contact.following is not None:
         contact.following.settle(contact)
-    primal = comm.allreduce(sum(sub.dofs for sub in subdomains))
-    modes, at_corners = rigid_modes(skeleton, travel.bodies, fixed_keys, corner_keys, springs,
+    modes, at_corners = rigid_modes(skeleton, travel.bodies, fixed[0], corner_keys, springs,
                                     manifest.axisymmetric)
-    touching = kind[order] != RowKind.GLUING
-    table = ContactTable(*(gather(comm, of[touching]) for of in (
-        begin + np.arange(len(order)), kind[order], scale, yielding)))
     edges, middles = skeleton.outline
     return Substructure(subdomains, first, manifest.subdomains, *local,
-                        coarse_dofs=len(corner_keys), dual_dofs=sum(counts), row_kind=kind[order],
-                        row_scale=scale, row_stiffness=stiffness, at_contact=table,
-                        yields=compliance is not None,
-                        row_range=(begin, begin + len(order)), row_starts=row_starts,
+                        coarse_dofs=len(corner_keys), dual_dofs=own.total,
+                        row_kind=own.kind[own.order], row_scale=scale, row_stiffness=stiffness,
+                        at_contact=own.table(scale, compliance, comm),
+                        yields=compliance is not None, row_range=own.range,
+                        row_starts=own.starts(first + np.arange(len(subdomains))),
                         patterns=len(manifest.patterns), travel=travel,
-                        contact=contact, rigid_modes=modes,
-                        rigid_corners=at_corners,
-                        with_hats=np.union1d(gather(comm, np.intersect1d(skeleton.uneven_gids,
-                                                                         contact.gid)),
-                                             contact.gid[left_alone(share, counted)]),
+                        contact=contact, rigid_modes=modes, rigid_corners=at_corners,
+                        with_hats=_with_hats(skeleton, contact, share, counted, comm),
                         outer_edges=edges, outer_middles=middles,
-                        primal_dofs=primal,
+                        primal_dofs=comm.allreduce(sum(sub.dofs for sub in subdomains)),
                         numbering=None if contact.following is None else numbering)
+
+
+def _torn(skeleton, fixed_keys, comm) -> tuple[np.ndarray, np.ndarray]:
+    """Keys 2 gid + component of corner dofs, all of them, and of the gluing rows of the rank."""
+    is_corner = np.isin(skeleton.gids, corner_vertices(skeleton))
+    corner_keys = np.sort(gather(comm, free_keys(
+        skeleton.gids[is_corner & skeleton.owned], fixed_keys)))
+    plain = (skeleton.count == 2) & ~is_corner & skeleton.owned
+    return corner_keys, free_keys(skeleton.gids[plain], fixed_keys)
+
+
+def _contact_rows(skeleton, contact, fixed_keys, frictional: bool,
+                  subdomains: range) -> tuple[np.ndarray, np.ndarray]:
+    """Positions of contact nodes of the rank's `subdomains` with normal and tangential rows."""
+    normal, tangential = free_along(contact.gid, contact.normal, fixed_keys), np.empty(0, np.int64)
+    owner = skeleton.at(contact.gid, skeleton.owner)
+    normal = np.flatnonzero(normal & (owner >= subdomains.start) & (owner < subdomains.stop))
+    # where the support fixes the normal direction there is no contact pressure to rub under
+    if frictional:
+        tangential = normal[_slides(contact, fixed_keys)[normal]]
+    return normal, tangential
+
+
+def _with_hats(skeleton, contact, share, counted, comm) -> np.ndarray:
+    """Global numbers of contact nodes on edges cut unevenly, or whose stiffness is another's."""
+    uneven = gather(comm, np.intersect1d(skeleton.uneven_gids, contact.gid))
+    return np.union1d(uneven, contact.gid[left_alone(share, counted)])
+
+
+class _OwnRows:
+    """The rows that a rank owns: gluing rows, then normal, then tangential ones. Collective.
+
+    They are numbered by owner, kind and position. `kind`, `gid` and `number` (n,) are those of the
+    rows, `order` (n,) sorts them by number, `range` are the first of the rank's numbers and the
+    first beyond them, `total` counts those of all ranks.
+    """
+
+    def __init__(self, skeleton, gluing, normal, tangential, contact, comm):
+        """`gluing` keys, and positions of contact nodes; `contact` gets their numbers."""
+        self._gluing, self._normal, self._tangential = gluing, normal, tangential
+        self.kind = np.repeat([RowKind.GLUING, RowKind.NORMAL, RowKind.TANGENTIAL],
+                              [len(gluing), len(normal), len(tangential)])
+        n_g, contact_end = len(gluing), len(gluing) + len(normal)
+        self.kind[n_g:contact_end][contact.is_joint[normal]] = RowKind.JOINED
+        self.gid = np.concatenate([gluing // 2, contact.gid[normal], contact.gid[tangential]])
+        self._node = np.searchsorted(skeleton.gids, self.gid)
+        self._owner = skeleton.owner[self._node]
+        position = np.concatenate([gluing, normal, tangential])
+        self.order = np.lexsort((position, self.kind, self._owner))
+        counts = comm.allgather(len(self.order))
+        begin, self.total = sum(counts[: comm.rank]), sum(counts)
+        self.range = begin, begin + len(self.order)
+        self.number = np.empty(len(self.order), np.int64)
+        self.number[self.order] = begin + np.arange(len(self.order))
+        contact.normal_row[normal] = self.number[n_g:contact_end]
+        contact.tangential_row[tangential] = self.number[contact_end:]
+        contact.normal_row, contact.tangential_row = (
+            largest(comm, rows) for rows in (contact.normal_row, contact.tangential_row))
+
+    def with_contact(self, of_node: np.ndarray, gluing: float) -> np.ndarray:
+        """(n,) values by number: those (n_c,) of contact nodes, and one of all gluing rows."""
+        return np.concatenate([np.full(len(self._gluing), gluing), of_node[self._normal],
+                               of_node[self._tangential]])[self.order]
+
+    def glued(self, skeleton) -> np.ndarray:
+        """(nodes, 2) numbers of gluing rows at nodes of the skeleton; -1 where there is none."""
+        numbers = np.full((len(skeleton.gids), 2), -1)
+        n_g = len(self._gluing)
+        numbers[self._node[:n_g], self._gluing % 2] = self.number[:n_g]
+        return skeleton.over_ranks(np.maximum, numbers)
+
+    def starts(self, subdomains: np.ndarray) -> np.ndarray:
+        """(s,) how many of the rank's rows belong to subdomains before each of these."""
+        return np.searchsorted(self._owner[self.order], subdomains)
+
+    def table(self, scale: np.ndarray, compliance: np.ndarray | None, comm) -> ContactTable:
+        """Contact rows of all ranks; `scale` (n,) by number, `compliance` (n_c,) of their nodes."""
+        yielding, kind = np.zeros(len(self.order)), self.kind[self.order]
+        if compliance is not None:
+            n_g = len(self._gluing)
+            rows = self.number[n_g : n_g + len(self._normal)] - self.range[0]
+            yielding[rows] = compliance[self._normal]
+        touching = kind != RowKind.GLUING
+        return ContactTable(*(gather(comm, of[touching]) for of in (
+            np.arange(*self.range), kind, scale, yielding)))
 
 
 def _slides(contact, fixed_keys) -> np.ndarray:
