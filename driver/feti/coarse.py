@@ -96,8 +96,9 @@ class CoarseProblem:
         return (diags(free) @ S @ diags(free) + diags(stiffness * (1.0 - free))).tocsr()
 
     def _dissect(self, structure: Substructure, classes: list[LocalClass]) -> None:
-        """Share the problem between the ranks. What is asked of the inverse is known: rows and columns
-        of corners of subdomains with contact.
+        """Share the problem between the ranks.
+
+        Rows and columns of its inverse are asked for: of corners of subdomains with contact.
         """
         corners, subs = structure.corner_global, structure.subdomains
         matrices = [None] * len(subs)
