@@ -136,6 +136,8 @@ def test_gmsh_body_with_clockwise_surface_and_stray_point(solved, scene, tmp_pat
     finer = solved(scene(extra='include "gmsh.idp"',
                          body='body = gmshBody("box.geo", meshSize(0.3));'), subdomains=3, h=0.1)
     assert finer.summary["sizes"]["primal_dofs"] > 2 * run.summary["sizes"]["primal_dofs"]
+    none = solved(scene(extra='include "gmsh.idp"', body='body = gmshBody("box.geo", 0.);'))
+    assert none.status == 2 and 'gmshBody("box.geo", 0) has an element size that' in none.reason
 
 
 def test_what_helps_to_draw_a_geometry_is_no_part_of_the_body(solved, scene, tmp_path):
