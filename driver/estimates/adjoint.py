@@ -48,7 +48,6 @@ import numpy as np
 
 from ..contact.states import OPEN, SLIP, STICK
 from ..effects import Effects
-from ..qp.mprgp import mprgp
 from . import recovery
 from .budget import Part
 from .torn_body import Gather
@@ -61,7 +60,6 @@ BLIND = 0.02  # net and gross below this part of a claim see nothing of its erro
 TOLERANCE = 1e-3  # of the adjoint problems, relative
 BALANCED = 1e-4  # part of a value that they leave of forces which balance loads on any mesh
 ROUNDS, STILL = 6, 1e-3  # of Coulomb's coupling, and its change with which they end
-PRODUCTS = 200  # of one problem at most
 LOOSE = 1e-6  # relative work of contact forces on a motion that nothing but springs resists
 CORNERS = "contact boundaries meet in corners"
 EARLIER = "its step was not kept"
@@ -258,10 +256,7 @@ class Adjoint:
             return x
         coupling, gradient = 0.0, -right
         for _ in range(ROUNDS):
-            x = mprgp(self.operator.apply, right - coupling, self.lower, self.upper, x,
-                      tol=tolerance, norm_bound=qp.bound, max_products=PRODUCTS,
-                      preconditioner=qp.accelerators.preconditioner, gradient0=gradient,
-                      dot=self.operator.dot, minimum=self.operator.minimum, scale=qp.scale).x
+            x = qp.linear(right - coupling, (self.lower, self.upper), x, tolerance, gradient).x
             if not self._coupled:
                 break
             product = self.operator.apply(x)

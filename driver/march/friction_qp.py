@@ -21,6 +21,7 @@ ROUNDED = 1e-9  # part of travel below which displacements are its rounding
 FINEST = 1e-14  # of the displacements to be overcome: what a product may well round off
 NEAR_ROUNDING = 1e2  # times that: it may be as much where stiffness jumps, so it is measured
 SPARED = 1e-2  # times that: no tolerance is tightened below, whatever is measured
+LINEAR = 200  # products of a linear problem at most
 STEADY = 2.0  # times what a product rounds off: two of the same differ by as much
 
 
@@ -153,6 +154,16 @@ class FrictionQP:
         if gradient is None or not self.operator.minimum(float(np.array_equal(moved, x))):
             return moved, self.operator.apply(moved) - d
         return x, gradient
+
+    def linear(self, d, limits, x, tol, gradient=None) -> Result:
+        """MPRGP from x for rows that `limits` fix or leave free, to a residual `tol`.
+
+        After LINEAR products the best that it has come to, silently.
+        """
+        op = self.operator
+        return mprgp(op.apply, d, *limits, x, tol=tol, norm_bound=self.bound, max_products=LINEAR,
+                     preconditioner=self.accelerators.preconditioner, gradient0=gradient,
+                     dot=op.dot, minimum=op.minimum, scale=self.scale)
 
     def solve(self, index, iteration, d, limits, x, reduction, gradient=None):
         """MPRGP from x until the residual has fallen by the factor `reduction` or is `tol`.

@@ -15,6 +15,7 @@ A node slides where its shear traction is on the bound. What sticks moves by wha
 and friction takes nothing from it.
 """
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +27,7 @@ FEW = 3  # step ends at which a node that contact passes is seen in contact: too
 # of what a node slides before it touches, and of its work where nodes touch one after the other,
 # which hold one another: what errs; 0.44 and 0.12 found
 LEFT, HOLD = 0.6, 0.2
+GLUED = 1e-8  # of the jumps of a torn body: what is left of them
 TOGETHER = 1e-6  # part of the loads within which nodes touch at once
 UNKNOWN = 0.5  # part of a step that counts where there is no step before to say more
 
@@ -43,14 +45,14 @@ class Dissipation:
     """Takes the steps of a run in their order."""
 
     def __init__(self, weight: np.ndarray, gap: np.ndarray, start: np.ndarray | None,
-                 alone: np.ndarray | None = None):
+                 alone=None):
         """`weight`, `gap` (n,) of the contact nodes.
 
         `start` (n,): friction bounds (tractions) at time 0; None where the run starts from a loaded
-        state, whose bounds and distances are taken for those of the first step. `alone` (2, n):
-        normal and tangential displacement that the first step would end with were there no contact,
-        infinite where nothing else holds a node, or it is not known; None where no node is apart,
-        or contact follows the motion.
+        state, whose bounds and distances are taken for those of the first step. `alone`() gives,
+        where nodes first touch in the first step, (2, n) normal and tangential displacement that it
+        would end with were there no contact, infinite where nothing else holds a node, or it is not
+        known; None where no node is apart, or contact follows the motion.
         """
         self.weight, self.gap, self.alone = weight, gap, alone
         self.open = 0.0  # of the work, what first touches within the first step leave open
@@ -82,7 +84,7 @@ class Dissipation:
         slides = (np.abs(sigma_t) >= bound) & (bound > 0)
         # what opens is on no bound any more: it slid the way it went
         way = np.where(opens, np.abs(slip), np.where(slides, -np.sign(sigma_t) * slip, 0.0))
-        if self.before is None and self.alone is not None:
+        if self.before is None and self.alone is not None and touches.any():
             way[touches] = self._rubbed(way, sigma_t, bound, touches)
             part[touches] = 1.0
         whole = way * (last.bound + bound) / 2 * self.weight
@@ -99,7 +101,7 @@ class Dissipation:
         nothing else holds it, it comes at the first of the loads; where nothing holds it along the
         boundary either, it may have gone any part of its way.
         """
-        (normal, tangential), distance = self.alone, self.last.distance
+        (normal, tangential), distance = self.alone(), self.last.distance
         whole = np.maximum(normal, distance)
         part = np.divide(distance, whole, out=np.zeros(len(whole)), where=whole > 0)
         known = np.isfinite(tangential)
@@ -108,7 +110,7 @@ class Dissipation:
         rubbed = np.where(known, rubbed, UNKNOWN * way)[touches]
         work = (bound * self.weight)[touches] / 2
         missed = np.where(known[touches], LEFT, 1.0) * np.abs(way[touches] - rubbed)
-        in_turn = np.ptp(part[touches]) > TOGETHER if touches.any() else False
+        in_turn = np.ptp(part[touches]) > TOGETHER
         self.open = float((missed + HOLD * in_turn * rubbed) @ work)
         return np.where(way[touches] > 0, rubbed, 0.0)
 
@@ -144,7 +146,7 @@ def of_run(solver, law, boundary) -> Dissipation:
     begin = start(solver.effects, law, boundary.weight, solver.amplitudes[:, acts], moves)
     alone = None
     if begin is not None and boundary.following is None and (boundary.gap > 0).any():
-        alone = without_contact(solver, boundary)
+        alone = functools.partial(without_contact, solver, boundary)
     return Dissipation(boundary.weight, boundary.gap, begin, alone)
 
 
@@ -156,7 +158,7 @@ def without_contact(solver, boundary) -> np.ndarray:
     patterns = operator.structure.patterns
     weights = np.zeros(patterns + operator.modes)
     weights[:patterns] = solver.amplitudes[1]
-    moved = operator.elastic_response(weights) + operator.rigid_response(weights)
+    moved = _whole(solver, operator.elastic_response(weights)) + operator.rigid_response(weights)
     free = np.zeros(len(moved), bool)
     for unit in np.eye(patterns + operator.modes)[patterns:]:
         motion = np.abs(operator.rigid_response(unit))
@@ -172,6 +174,23 @@ def without_contact(solver, boundary) -> np.ndarray:
     found[0] += boundary.gap - boundary.at(end).gap
     found[1] -= boundary.way(start, end)
     return found
+
+
+def _whole(solver, torn: np.ndarray) -> np.ndarray:
+    """(owned,) displacements of all rows for those of the `torn` body, glued and tied again.
+
+    Bilateral contact holds as well: what it meets is not met first. Collective.
+    """
+    rows, qp, d = solver.rows, solver.qp, torn.copy()
+    d[rows.normal[rows.pulls]] -= rows.gap[rows.pulls]
+    lower, upper = np.full((2, len(d)), [[-np.inf], [np.inf]])
+    fixed = np.append(rows.normal[~rows.pulls], rows.tangential)
+    lower[fixed] = upper[fixed] = 0.0
+    size = qp.size(np.where(upper > 0, d, 0.0))
+    if not size:
+        return torn
+    found = qp.linear(d, (lower, upper), np.zeros(len(d)), GLUED * size, -d)
+    return torn - d - found.gradient
 
 
 def start(effects, law, weight: np.ndarray, amplitudes: np.ndarray,
