@@ -14,6 +14,7 @@ from driver.estimates.adjoint import Adjoint
 from driver.estimates.companions import Companions, _whole
 from driver.estimates.levels import Levels, samples
 from driver.feti.rigid_modes import RigidMode
+from driver.march.friction_qp import FrictionQP
 from driver.options import Settings
 
 NODES, OWNED = 4, 10  # normal rows, then tangential ones, then two that glue
@@ -35,8 +36,10 @@ def frozen(status, coefficient=0.5, **operator) -> Adjoint:
         "apply": lambda y: F @ y, "dot": np.dot, "minimum": lambda value: value, "owned": OWNED,
         "comm": MPI.COMM_SELF, "modes": 0, "structure": SimpleNamespace(patterns=1, total=1),
         "deformations": lambda *given: given, **operator})
-    of.solver = SimpleNamespace(qp=SimpleNamespace(size=np.linalg.norm, bound=2 * np.linalg.norm(
-        F, 2), accelerators=SimpleNamespace(preconditioner=None), scale=None))
+    qp = object.__new__(FrictionQP)
+    qp.operator, qp.bound, qp.scale = of.operator, 2 * np.linalg.norm(F, 2), None
+    qp.size, qp.accelerators = np.linalg.norm, SimpleNamespace(preconditioner=None)
+    of.solver = SimpleNamespace(qp=qp)
     of.F = F
     of._freeze(np.array(status))
     return of

@@ -157,9 +157,11 @@ def test_work_of_a_first_step_does_not_depend_on_the_cut(solved, tmp_path):
     hang on their corners: 7 of them had said a sixth less.
     """
     path = tmp_path / "bends.edp"
-    path.write_text(ONTO.format(history="", loads="macro support() on(4, u1 = 0., u2 = 0.) //\n"
-                                                  "macro load1() traction(3, 30., -40.)"))
-    work = [solved(path, cells=4, subdomains=cut, np=1 + cut // 5).summary["dissipated"]
+    scene = ONTO.format(history="", loads="macro support() on(4, u1 = 0., u2 = 0.) //\n"
+                                          "macro load1() traction(3, 30., -40.)")
+    path.write_text(scene.replace("rectangle(0., 20., 0., 10.);",
+                                  "body = square(16, 8, [20. * x, 10. * y]);"))
+    work = [solved(path, subdomains=cut, np=1 + cut // 5).summary["dissipated"]
             for cut in (1, 3, 7)]
     assert work[0] > 0 and work == pytest.approx(work[:1] * 3, rel=1e-6)
 
