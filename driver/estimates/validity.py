@@ -10,13 +10,16 @@ rotation  largest rotation of a triangle. It counts 1 - cos as strain, and turns
 normals   of closed nodes: distance from the obstacle or the other body, measured at the displaced
           places, less the distance that the contact conditions used, over the contact length; and
           the angle between the normal there and the one that was used (`normal_turn`)
+slide     of closed nodes on another body: how far they are along it from where their forces act on
+          it, over the contact length. Contact that follows the motion acts where they are
 overlaps  boundaries without declared contact that penetrate, of two bodies or of one, by more than
           `TOUCH` of the smaller body's size; a gap that lets an obstacle reach through the body
 
 Limits: up to QUESTIONABLE errors of displacements and tractions from this stay within about a tenth
 (strain 0.1: 5 %; rotation 0.1: 0.5 % of all lengths and as much again as strain; a surface that
 is off by 1 % of the contact length is a load of about that strain; a normal off by 0.1 gives a
-tenth of the pressure as shear). Beyond INVALID they may be anything.
+tenth of the pressure as shear; by a slide of a tenth as much of a boundary carries what it should
+not, or lacks what it should). Beyond INVALID they may be anything.
 """
 
 from dataclasses import dataclass, field
@@ -32,9 +35,9 @@ from ..scene import elements, kinematics
 from . import true_distance
 
 QUESTIONABLE = {"largest_strain": 0.1, "largest_rotation": 0.1, "largest_normal_error": 0.01,
-                "normal_turn": 0.1, "overlaps": 0.0, "gap": 0.5}
+                "normal_turn": 0.1, "largest_slide": 0.1, "overlaps": 0.0, "gap": 0.5}
 INVALID = {"largest_strain": 0.3, "largest_rotation": 0.35, "largest_normal_error": 0.1,
-           "normal_turn": 0.35, "overlaps": 0.02, "gap": 2.0}
+           "normal_turn": 0.35, "largest_slide": 1.0, "overlaps": 0.02, "gap": 2.0}
 SPOT = 1e-2
 TOUCH = 1e-3  # part of a body's size by which bodies may overlap unnoticed
 MEASURES = ("largest_strain", "largest_rotation")
@@ -50,6 +53,8 @@ WORDS = {
     "normal_turn": ("a node in contact meets a surface that is turned by {:.2g} rad against the "
                     "normal that was used", "contact is linear about the place before the load",
                     "{remedy}"),
+    "largest_slide": ("a node in contact slides along the other body by {:.2g} of the contact length",
+              "contact is linear about the place before the load", "{remedy}"),
     "overlaps": ("{labels} overlap by {:.2g} of the body's size",
                  "contact is not declared there", "declare contact there, or smaller loads"),
     "gap": ("the obstacle reaches through the body by {:.2g} of its size",
@@ -181,8 +186,10 @@ class Validity:
                 if true is None:
                     continue
                 turn = _angle(normal, b.normal[touching])
-            error = np.abs(true - used) / length
-            for name, values in (("largest_normal_error", error), ("normal_turn", turn)):
+            found = {"largest_normal_error": np.abs(true - used) / length, "normal_turn": turn}
+            if b.paired[here[0]] and b.following is None and b.about is None:
+                found["largest_slide"] = np.abs(state[ContactField.U_T][touching]) / length
+            for name, values in found.items():
                 k = int(values.argmax())
                 self.note(name, values[k], xy[k], step.index, paired=bool(b.paired[here[0]]))
 
@@ -316,7 +323,8 @@ class Validity:
         excess = {name: w.value / (QUESTIONABLE[name] or TOUCH) for name, w in worst.items()}
         name = max(grade, key=lambda name: (grade[name], excess[name]))
         entry = {measure: worst[measure].value for measure in
-                 ("largest_strain", "largest_rotation", "largest_normal_error", "normal_turn")}
+                 ("largest_strain", "largest_rotation", "largest_normal_error", "normal_turn",
+                  "largest_slide")}
         entry |= {"overlaps": overlaps, "verdict": VERDICTS[grade[name]], "reason": ""}
         if grade[name]:
             entry["reason"] = self._reason(name, worst[name])
@@ -327,7 +335,7 @@ class Validity:
         what, granted, remedy = WORDS[name]
         remedies = "smaller loads, or start from a place nearer to the final one"
         if worst.more.get("paired") and self.boundary.about is None:
-            remedies = "LINEARIZATION=updated, or smaller loads"
+            remedies = "largeSliding or LINEARIZATION=updated, or smaller loads"
         what = what.format(worst.value, **worst.more)
         x, y = worst.place
         return (f"{what} at ({x:.4g}, {y:.4g}) in step {worst.step}, but {granted}: "

@@ -346,6 +346,39 @@ def test_a_wheel_that_rolls_away_is_judged(verdict, element):
     assert resting["verdict"] == "ok" and resting["normal_turn"] < 0.01
 
 
+DRAWN = '''include "scene.idp"
+quasistatic(1.);
+real way = physical("way", 6.);
+int[int] below = [1, 2, 3, 4], above = [5, 6, 7, 8];
+addBody(square(20, 5, [40. * x, 10. * y], label=below))
+addBody(square(11, 5, [10. + 20. * x, 10. + 10. * y], label=above))
+macro young() 1e5 //
+macro poisson() 0.3 //
+macro support() on(1, u1 = 0., u2 = 0.) //
+macro load1() pressure(7, 50.) //
+macro amplitude1(t) min(1., 2.*t) //
+macro displacement2() on(8, u1 = way) //
+macro amplitude2(t) max(0., 2.*t - 1.) //
+macro contactPair() 5, 3 //
+macro friction() 0.3 //
+include "export.idp"
+'''
+
+
+@pytest.mark.parametrize("way, expected", [(1.0, "ok"), (6.0, "questionable"), (22.0, "invalid")])
+@pytest.mark.some(1)
+def test_a_block_drawn_along_another_body_is_judged(verdict, way, expected):
+    """By its way over its length of 20: forces act where it stood. Contact that follows is as it
+    should be, unless the distance that it lags behind says otherwise.
+    """
+    entry, _, status = verdict(DRAWN, steps=4, subdomains=3, way=way)
+    assert status == 0 and entry["verdict"] == expected
+    assert entry["largest_slide"] == pytest.approx(way / 20, rel=0.05)
+    assert expected == "ok" or "largeSliding" in entry["reason"]
+    follows, _, _ = verdict(DRAWN, steps=4, subdomains=3, way=way, linearization="updated")
+    assert follows["largest_slide"] == 0.0
+
+
 def test_a_gap_of_the_wrong_unit_is_said(verdict):
     entry, _, status = verdict(BLOCK, reach=-1e6)
     assert entry["verdict"] == "invalid" and status == 0
