@@ -83,6 +83,32 @@ def misses(effects, manifest, motion, stride: int) -> bool:
                                                      for size, _ in moving.values())
 
 
+def finer(manifest, least: int, most: int) -> int:
+    """Into how many parts steps are to be cut so that they miss nothing noticeable of the loads.
+
+    `least`, or two, four, ... times as many, as far as there are no more than `most` steps then, or
+    half as many as samples. If these still miss something: the largest number if it halves that,
+    else `least`, as it is at jumps.
+    """
+    samples = min((len(history) - 1 for history in manifest.between.values()), default=0)
+    parts, missed = least, [_missed(manifest, least)]
+    while missed[-1] > NOTICEABLE and 2 * parts * manifest.steps <= min(most, samples // 2):
+        parts *= 2
+        missed.append(_missed(manifest, parts))
+    return parts if missed[-1] <= max(NOTICEABLE, missed[0] / 2) else least
+
+
+def _missed(manifest, parts: int) -> float:
+    """The largest departure, relative to its largest value, of a history from steps cut so."""
+    largest = 0.0
+    for history in manifest.between.values():
+        fine = np.array(history)
+        every = max((len(fine) - 1) // manifest.steps // parts, 1)
+        away = _away(np.linspace(0.0, manifest.t_end, len(fine)), fine, every).max(initial=0.0)
+        largest = max(largest, away / (np.abs(fine).max(initial=0.0) or 1.0))
+    return largest
+
+
 def _away(times: np.ndarray, fine: np.ndarray, every: int) -> np.ndarray:
     """Distances of a history from the lines through `every` so many-th value of it."""
     ends = np.unique(np.r_[0, np.arange(len(fine) - 1, -1, -every)])

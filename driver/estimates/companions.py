@@ -12,7 +12,7 @@ from ..march.step import Step
 from ..options import Settings
 from ..results.record import Record
 from . import caution, jumps, unresolved
-from .between_steps import misses
+from .between_steps import finer, misses
 from .budget import (OF_TIME, Part, advice, coarser, extrapolate, formal_order, mesh_knob, name_of,
                      located, of_one_step, ratio, summed)
 from .free_peak import free_peak
@@ -24,6 +24,7 @@ SETTLED = 1e-7
 FEW = 4  # steps below which coarser times tell nothing
 MANY = 20  # steps of which the first one matters little, where coarser times share it
 FINER = 4  # times as many steps then, also where steps miss what a history does
+ENOUGH = 64  # steps of a companion up to which there may be more, so that it misses nothing
 ROUNDING = 1e-9  # relative change of a largest displacement that a support prescribes
 UNSEEN = 2.5e-2  # by how much others may exceed it, relative: bulges beside a support; 1.6 found
 SAME = 0.5  # part of a peak of displacements that the same one on a coarser mesh has at least
@@ -259,18 +260,20 @@ class Companions:
 
     def _more_time(self) -> dict[str, Part]:
         """From runs with more steps: their distance, and what the finest errs by itself."""
-        mesh = {**self._telling(), "sampling": FINER}
+        parts = finer(self.manifest, FINER, ENOUGH) if self.effects.frictional else FINER
+        mesh = {**self._telling(), "sampling": parts}
         try:
             self.levels.problem(**mesh)
         except DriverError as problem:
-            self.notes.append(f"companion with {FINER * self.manifest.steps} steps: {problem}")
+            self.notes.append(f"companion with {parts * self.manifest.steps} steps: {problem}")
             return dict.fromkeys(self.values, Part(None, note=UNTRIED))
         values = [self._values(mesh, stride) for stride in (1, 2, 4)]
-        if None in values:
+        own = values[2] if parts == FINER else self._values(mesh, parts)
+        if None in (*values, own):
             return dict.fromkeys(self.values, Part(None, note=UNTRIED))
-        parts = self._parts("time", list(zip(values, values[1:])), [2.0, 2.0])
-        return {name: Part(abs(values[2][name] - values[0][name]) + part.error, part.order)
-                for name, part in parts.items()}
+        found = self._parts("time", list(zip(values, values[1:])), [2.0, 2.0])
+        return {name: Part(abs(own[name] - values[0][name]) + part.error, part.order)
+                for name, part in found.items()}
 
     def _jumps(self) -> dict[str, Part]:
         """Jumps over cycles that are half as long."""

@@ -11,7 +11,7 @@ normals   of closed nodes: distance from the obstacle or the other body, measure
           places, less the distance that the contact conditions used, over the contact length; and
           the angle between the normal there and the one that was used (`normal_turn`)
 slide     of closed nodes on another body: how far they are along it from where their forces act on
-          it, over the contact length. Contact that follows the motion acts where they are
+          it, over the contact length (`largest_slide`). Contact that follows the motion acts where they are
 overlaps  boundaries without declared contact that penetrate, of two bodies or of one, by more than
           `TOUCH` of the smaller body's size; a gap that lets an obstacle reach through the body
 
@@ -53,8 +53,8 @@ WORDS = {
     "normal_turn": ("a node in contact meets a surface that is turned by {:.2g} rad against the "
                     "normal that was used", "contact is linear about the place before the load",
                     "{remedy}"),
-    "largest_slide": ("a node in contact slides along the other body by {:.2g} of the contact length",
-              "contact is linear about the place before the load", "{remedy}"),
+    "largest_slide": ("a node in contact slides along the other body by {:.2g} of the contact "
+                      "length", "contact is linear about the place before the load", "{remedy}"),
     "overlaps": ("{labels} overlap by {:.2g} of the body's size",
                  "contact is not declared there", "declare contact there, or smaller loads"),
     "gap": ("the obstacle reaches through the body by {:.2g} of its size",

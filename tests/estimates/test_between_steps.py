@@ -161,3 +161,38 @@ def test_loads_that_turn_between_the_steps_are_missed():
     assert [between_steps.misses(FRICTION, history, None, stride) for stride in (1, 2, 4, 8)] == [
         False, False, True, True]
     assert not between_steps.misses(NONE, history, None, 8)
+
+
+@pytest.mark.parametrize("history, steps, parts", [
+    (lambda t: t, 2, 4),  # followed anyway
+    (lambda t: np.sin(5 * t), 4, 8),  # turns back at 0.94: 16 steps are off by 1.2 % there
+    (lambda t: np.sin(5 * t), 2, 8),  # samples tell no more
+    (lambda t: np.sin(5 * t), 6, 4), (lambda t: 0.0 if t < 0.5 else 1.0, 2, 4)])
+def test_steps_are_cut_until_they_miss_nothing(history, steps, parts):
+    """As far as that needs no more than sixty-four; not for jumps, which any miss."""
+    assert between_steps.finer(manifest(history, steps), 4, 64) == parts
+
+
+TURNS = """include "scene.idp"
+quasistatic(1.);
+body = square(12, 6, [12. * x, 4. * y]);
+macro young() 1e3 //
+macro poisson() 0.3 //
+macro support() on(3, u2 = 0.) //
+macro displacement1() on(3, u1 = 0.05) //
+macro amplitude1(t) (sin(5. * t)) //
+macro contact() 1 //
+macro gap() -0.02 //
+macro friction() 0.3 //
+include "export.idp"
+"""
+
+
+def test_a_turn_that_all_companions_would_miss_is_claimed(solved, tmp_path):
+    """In two, four and eight steps the body ends sliding one way; it has turned back before."""
+    path = tmp_path / "turns.edp"
+    path.write_text(TURNS)
+    few, many = (solved(path, subdomains=3, steps=steps, errors="yes").summary["errors"][
+        "quantities"]["tangential_resultant"] for steps in (2, 60))
+    missed = abs(few["value"] - many["value"])
+    assert 0.05 * abs(few["value"]) < missed < few["time"]
