@@ -260,7 +260,7 @@ class Companions:
 
     def _more_time(self) -> dict[str, Part]:
         """From runs with more steps: their distance, and what the finest errs by itself."""
-        parts = finer(self.manifest, FINER, ENOUGH) if self.effects.frictional else FINER
+        parts = finer(self.manifest, FINER, ENOUGH)
         mesh = {**self._telling(), "sampling": parts}
         try:
             self.levels.problem(**mesh)

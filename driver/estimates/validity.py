@@ -11,7 +11,7 @@ normals   of closed nodes: distance from the obstacle or the other body, measure
           places, less the distance that the contact conditions used, over the contact length; and
           the angle between the normal there and the one that was used (`normal_turn`)
 slide     of closed nodes on another body: how far they are along it from where their forces act on
-          it, over the contact length (`largest_slide`). Contact that follows the motion acts where they are
+          it, over the contact length (`largest_slide`); nothing where contact follows the motion
 overlaps  boundaries without declared contact that penetrate, of two bodies or of one, by more than
           `TOUCH` of the smaller body's size; a gap that lets an obstacle reach through the body
 

@@ -168,7 +168,7 @@ def companions(fails=(), **more) -> Companions:
 
     of.levels = SimpleNamespace(run=run, problem=problem, cycles=())
     of.settings, of.notes, of.values = Settings(), [], {"slip": 1.01}
-    of.base, of.manifest = {"h": 1}, SimpleNamespace(steps=2, element="P1")
+    of.base, of.manifest = {"h": 1}, SimpleNamespace(steps=2, element="P1", between={})
     of.knob, of.jumps, of.summed = "h", None, {}
     vars(of).update(more)
     return of
