@@ -23,6 +23,9 @@ NODAL = ("gid", "label", "chain", "xy", "arc", "weight", "length", "normal", "ga
          "middle", "guided", "normal_row", "tangential_row")
 RUBBING = "friction", "tresca", "cohesion"  # columns of which one gives a node friction
 TERMS = ("term_node", "term_gid", "term_value", "term_other")
+# slope of an obstacle at a line of symmetry: part of that beyond the next node which a mesh cannot
+# tell from none, and what is rounding
+LEVEL, STRAIGHT = 0.1, 1e-9
 
 
 @dataclass
@@ -166,9 +169,30 @@ class ContactBoundary:
 
     @property
     def mirrored(self) -> np.ndarray:
-        """(n_c,) whether a support lets nodes move along the normal alone: a line of symmetry."""
+        """(n_c,) whether a support lets nodes move along the normal alone: a line of symmetry.
+
+        Unless an obstacle is not level there, and with its image has a kink.
+        """
         along = np.abs(self.tangent).max(axis=1, initial=0.0) > 0.99  # of one component
-        return self.guided & (self.normal_row >= 0) & along
+        found = self.guided & (self.normal_row >= 0) & along
+        for node in np.flatnonzero(found & ~self.paired):
+            found[node] = self._level_at(node)
+        return found
+
+    def _level_at(self, end: int) -> bool:
+        """Whether the gap at an end of a boundary, of nodes sorted by arc, begins without slope.
+
+        By the parabola through three nodes, beside the slope between the next two. True of shorter
+        boundaries.
+        """
+        own = np.flatnonzero(self.chain == self.chain[end])
+        own = own[:3] if own[0] == end else own[:-4:-1]
+        if len(own) < 3 or own[0] != end:
+            return True
+        x, gap = np.abs(self.arc[own] - self.arc[end])[1:], self.gap[own]
+        near, far = np.diff(gap) / np.diff(np.append(0.0, x))
+        slope = near - x[0] * (far - near) / x[1]
+        return bool(abs(slope) <= LEVEL * abs(far) + STRAIGHT)
 
     @property
     def paired(self) -> np.ndarray:

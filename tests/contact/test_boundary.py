@@ -427,3 +427,22 @@ def test_middles_of_edges_on_the_axis_have_no_condition(curved):
     np.testing.assert_allclose(b.gap, np.bincount(b.term_node, b.term_value * gap[b.term_gid]))
     assert b.coupled.tolist() == [True, True, False, False]
     assert not replace(b, axisymmetric=False).coupled.any()
+
+
+@pytest.mark.parametrize("gap, expected", [
+    (lambda x: 0.0 * x, True), (lambda x: 0.3 * x**2, True), (lambda x: np.sqrt(4 - x**2), True),
+    (lambda x: 0.01 * x, False), (lambda x: 0.3 * (x + 1) ** 2, False),
+    (lambda x: 0.3 * (x + 0.01) ** 2, True)],  # no mesh of these edges tells this from level
+    ids=["flat", "parabola", "circle", "wedge", "beyond", "nearly"])
+@pytest.mark.parametrize("side", [1, -1])
+def test_an_obstacle_with_a_slope_at_a_line_of_symmetry_has_a_kink_there(gap, expected, side):
+    """At either end of a boundary of any orientation."""
+    x = np.array([0.0, 0.1, 0.25, 0.35, 0.5])[::side]
+    place = 1.0 + side * x  # its arc ascends
+    nodes = SimpleNamespace(guided=x == 0, normal_row=np.arange(5), paired=x < 0,
+                            normal=np.tile([0.0, -1.0], (5, 1)), tangent=np.tile([1.0, 0], (5, 1)),
+                            chain=np.zeros(5, int), arc=place, gap=gap(x))
+    nodes._level_at = lambda end: ContactBoundary._level_at(nodes, end)
+    assert ContactBoundary.mirrored.fget(nodes).tolist() == [expected and k == 0 for k in x]
+    nodes.paired = x >= 0  # polygons of two bodies say nothing of slopes
+    assert ContactBoundary.mirrored.fget(nodes).any()
