@@ -294,13 +294,14 @@ class FoundNodes:
         for name in nodes.columns.keys() & set(RUBBING):
             rubs |= nodes.columns[name] != 0
         guided = np.isin(nodes.gid, fixed[0] // 2)
-        twin = np.zeros(n, bool)
+        twin, lost = np.zeros((2, n), bool)
         twin[paired] = count[vertex] > 1
         for k, pairs in enumerate(nodes.meeting):
             here = np.flatnonzero(nodes.family == k + 1)
-            weight[here], length[here], normal[here], more, guided[here], (node, *term) = (
-                sides.couple(pairs, nodes.gid[here], nodes.normal[here], twin[here], rubs[here],
-                             following and following.reach))
+            without = None if following is None or following.lost is None else following.lost[here]
+            (weight[here], length[here], normal[here], more, guided[here], lost[here],
+             (node, *term)) = sides.couple(pairs, nodes.gid[here], nodes.normal[here], twin[here],
+                                           rubs[here], following and following.reach, without)
             gap[here] += more
             if motion is not None:
                 motion.gap[:, here] = gap[here]
@@ -308,23 +309,28 @@ class FoundNodes:
         held = held_nodes(nodes.gid, fixed[0])
         covered = None
         if following is not None:
+            if following.lost is None:
+                following.lost = lost
+            whole, length = (along.handed_on(of, following.lost) for of in (whole, nodes.length))
             covered = np.divide(weight, whole, out=np.zeros(n), where=whole > 0)
             rigid = rigid | (covered[row] <= 0)
-            weight, length = whole, nodes.length
+            weight = whole
         terms.insert(0, tuple(column[rigid] for column in own))
-        lost = np.flatnonzero(held & ~paired)
+        clamped = np.flatnonzero(held & ~paired)
         unused = held | (weight <= 0)
         order = along.order[~unused[along.order]]
         position = np.full(n, -1)
-        position[order], position[lost] = np.arange(len(order)), len(order) + np.arange(len(lost))
+        position[order] = np.arange(len(order))
+        position[clamped] = len(order) + np.arange(len(clamped))
         node, gids, value, other = (np.concatenate(column) for column in zip(*terms))
         used = ~unused[node]
         terms = position[node[used]], gids[used], value[used], other[used]
         if motion is not None:
             gap = motion.gap[0]
-        values = fixed[1][np.searchsorted(fixed[0], 2 * nodes.gid[lost][:, None] + [0, 1])]
-        clamped = ClampedContact(*(of[lost] for of in (nodes.gid, nodes.label, nodes.xy, normal,
-                                                       gap)), values, motion and motion.of(lost))
+        values = fixed[1][np.searchsorted(fixed[0], 2 * nodes.gid[clamped][:, None] + [0, 1])]
+        clamped = ClampedContact(
+            *(of[clamped] for of in (nodes.gid, nodes.label, nodes.xy, normal, gap)), values,
+            motion and motion.of(clamped))
         none = np.full(len(order), -1)
         return ContactBoundary(
             *(of[order] for of in (nodes.gid, nodes.label, along.number, nodes.xy, along.arc,

@@ -29,6 +29,21 @@ class Chains:
     edges: np.ndarray
     middles: np.ndarray
 
+    def handed_on(self, amount: np.ndarray, lost: np.ndarray) -> np.ndarray:
+        """(n,) amounts where those of `lost` nodes (n,) have gone to the next ones on their edges.
+
+        In equal parts: the middle of an edge, or its other end.
+        """
+        if not lost.any():
+            return amount
+        one, two = np.vstack([self.edges, self.edges[:, ::-1]]).T
+        heir = np.tile(self.middles, 2) if len(self.middles) else two
+        here = lost[one]
+        one, heir = one[here], heir[here]
+        count = np.bincount(one, minlength=len(amount))
+        moved = np.bincount(heir, amount[one] / count[one], len(amount))
+        return np.where(lost & (count > 0), 0.0, amount + moved)
+
 
 def chains(nodes: Nodes, skeleton) -> Chains:
     """The chains of all contact labels; `skeleton` of the torn body has their edges.

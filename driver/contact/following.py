@@ -10,8 +10,9 @@ boundaries (mortar.py). That is u_n <= gap with gap = d_w + n_w . [w]; where w i
 distance itself is gap - u_n. See Wriggers, Computational Contact Mechanics (2006), 4.1, 6.3;
 Laursen, Computational Contact and Impact Mechanics (2002).
 
-Nodes, rows and weights are those of the boundaries as a whole, once and for all; nodes that face
-nothing are idle.
+Nodes, rows and weights are those of the boundaries as a whole, once and for all, less those that a
+support leaves no condition at the start: the next ones have their weights. Nodes that face nothing
+are idle.
 """
 
 from dataclasses import dataclass, replace
@@ -77,6 +78,7 @@ class Following:
         self.nodes, self.motion, self.surface, self.reach = nodes, motion, surface, reach
         self.rigid = np.flatnonzero(nodes.family == 0)
         self.joints = []  # rows of joints.py
+        self.lost = None  # (n,) nodes that a support leaves no condition at the start, see held.py
 
     def first(self, found, gap: np.ndarray, sides) -> ContactBoundary:
         """The boundary before any load; `found` the FoundNodes, `gap` (n,) what pairs have beyond

@@ -64,11 +64,12 @@ class PairSides:
         return other
 
     def couple(self, pairs: list[tuple[int, int]], nodes: np.ndarray, facing: np.ndarray,
-               corner: np.ndarray, rubs: np.ndarray, reach: float | None = None):
+               corner: np.ndarray, rubs: np.ndarray, reach: float | None = None,
+               without: np.ndarray | None = None):
         """What the contact nodes meet: weight and length (n,) of what faces them, normal (n, 2),
-        gap (n,), guided (n,) which of them carry pressure and no friction (contact/held.py), and
-        the terms of the jump, one for every node of either side: contact node, gid, coefficient,
-        whether it is the other side's, (terms,) each.
+        gap (n,), guided (n,) which of them carry pressure and no friction and lost (n,) which have
+        no condition (contact/held.py), and the terms of the jump, one for every node of either
+        side: contact node, gid, coefficient, whether it is the other side's, (terms,) each.
 
         The contact `nodes` (n,), by gids, face as `facing` (n, 2): two at a corner are a condition
         each, the first boundary's normals and multipliers being those of one of its flanks. At a
@@ -76,7 +77,8 @@ class PairSides:
         nodes have `rubs` (n,).
 
         `reach`: of several places that a place faces within it the nearest counts, and there may
-        be none. By default there must be one.
+        be none. By default there must be one. Nodes `without` (n,) condition stay so wherever the
+        boundaries are.
 
         `pairs` are labels whose first ones make one boundary.
 
@@ -103,6 +105,8 @@ class PairSides:
         lost, guided = lost_and_guided(first, second, (gids, others), self.fixed[0], normal,
                                        rubbing, able, reach)
         lost &= ~tip
+        if without is not None:
+            lost[places] |= without
         held = held_nodes(gids, self.fixed[0]) | tip | lost
         both = np.isin(self.fixed[0] // 2, others).any()
         check_passed_on(first, one, lost, held, pairs, both)
@@ -123,7 +127,7 @@ class PairSides:
             gap = gap + np.bincount(pair.node, jump, minlength=len(gap))
         terms = position[pair.node], node_gid, pair.value, pair.side == 1
         return (pair.weight[places], pair.length[places], pair.normal[places], gap[places],
-                guided[places], terms)
+                guided[places], lost[places], terms)
 
     def _side(self, labels: tuple[int, ...], nodes: np.ndarray = np.zeros(0, int),
               facing: np.ndarray = np.zeros((0, 2)), moved: bool = True):

@@ -144,14 +144,14 @@ def test_nodes_that_face_nothing_yet_have_rows_of_their_own():
     nodes.family[here], nodes.meeting = 1, [[(8, 9)]]
     covered, none = np.arange(len(here)) % 2 == 0, np.zeros(len(here))
     whole = nodes.weight[here]
-    sides = SimpleNamespace(about=None, couple=lambda pairs, gid, normal, twin, rubs, reach: (
-        np.where(covered, 0.5 * whole, 0.0), nodes.length[here], normal, none, none > 0,
+    sides = SimpleNamespace(about=None, couple=lambda pairs, gid, normal, twin, rubs, reach, lost: (
+        np.where(covered, 0.5 * whole, 0.0), nodes.length[here], normal, none, none > 0, none > 0,
         (np.flatnonzero(covered), np.full(covered.sum(), 77), np.full(covered.sum(), -1.0),
          np.ones(covered.sum(), bool))))
     made = FoundNodes(nodes, chains(nodes, skeleton), (np.empty(0, int), np.zeros((0, 1))),
                       np.zeros(len(nodes.gid), bool), False)
     follows = made.boundary(nodes.columns["gap"].copy(), None, sides,
-                            SimpleNamespace(reach=1.0))
+                            SimpleNamespace(reach=1.0, lost=None))
     paired = np.flatnonzero(follows.paired)
     own = [set(follows.term_gid[follows.term_node == k]) for k in paired]
     assert all(of == ({77} if part > 0 else {follows.gid[k]})
@@ -241,13 +241,13 @@ class Faced:
         self.configuration = configuration
         return self
 
-    def couple(self, pairs, gid, normal, twin, rubs, reach):
+    def couple(self, pairs, gid, normal, twin, rubs, reach, without):
         assert pairs == [(8, 9)] and reach == 7.0
         faces = np.arange(len(gid)) % 2 == 0
         weight = np.where(faces, self.nodes.weight[self.here], 0.0)
         node = np.flatnonzero(faces)
         none = np.zeros(len(gid), bool)
-        return weight, self.nodes.length[self.here], normal, np.full(len(gid), 2.0), none, (
+        return weight, self.nodes.length[self.here], normal, np.full(len(gid), 2.0), none, none, (
             node, gid[node], np.ones(len(node)), none[node])
 
 
@@ -446,3 +446,15 @@ def test_an_obstacle_with_a_slope_at_a_line_of_symmetry_has_a_kink_there(gap, ex
     assert ContactBoundary.mirrored.fget(nodes).tolist() == [expected and k == 0 for k in x]
     nodes.paired = x >= 0  # polygons of two bodies say nothing of slopes
     assert ContactBoundary.mirrored.fget(nodes).any()
+
+
+def test_what_supports_leave_no_condition_hands_its_weight_on():
+    """To the other end of each of its edges, or to their middles; the sum stays."""
+    lost = np.array([True, False, False, True, False])
+    amount = np.array([1.0, 2.0, 4.0, 8.0, 16.0])
+    along = SimpleNamespace(edges=np.array([[0, 1], [1, 2], [2, 3], [3, 4]]),
+                            middles=np.zeros(0, int))
+    assert Chains.handed_on(along, amount, lost).tolist() == [0, 3, 8, 0, 20]
+    assert Chains.handed_on(along, amount, np.zeros(5, bool)) is amount
+    along = SimpleNamespace(edges=np.array([[0, 1], [1, 3]]), middles=np.array([4, 2]))
+    assert Chains.handed_on(along, amount, lost).tolist() == [0, 2, 12, 0, 17]
