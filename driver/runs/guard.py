@@ -12,7 +12,7 @@ import stat
 from pathlib import Path
 
 from ..errors import InputError
-from ..files import FIGURES
+from ..files import FIGURES, STUDY, is_study, is_summary
 
 # of results, relative to their directory; a dot in front while a file is being written
 RESULTS = (r"summary\.json",
@@ -27,7 +27,6 @@ RESULTS = (r"summary\.json",
 UNFINISHED = (r"(request|answer)\.json",
               r"(export|values|companions|levels|cycle-\d+)(/.*)?")
 FOLDERS = ("fields", "figures")
-STUDY = ".study"  # file in the directory of a study: its name
 BUSY = "is where another make {} works: wait for its end or choose another directory"
 _at_work = {}  # descriptor of each directory of a study of this process, by device and inode
 
@@ -72,7 +71,7 @@ def obstacle(out: Path) -> str:
         return "is the directory you are in, or holds it; choose another one or go elsewhere"
     if not any(os.scandir(out)):
         return ""
-    if not _is_summary(out / "summary.json"):
+    if not is_summary(out / "summary.json"):
         what = "files and a summary.json" if (out / "summary.json").exists() else "files"
         return f"holds {what} but no earlier run; choose another directory or empty it"
     name = foreign(out)
@@ -86,19 +85,10 @@ def _holds_working_directory(out: Path) -> bool:
     return out == here or out in here.parents
 
 
-def _is_summary(path: Path) -> bool:
-    """Whether a file is the summary of a run or a study."""
-    try:
-        summary = json.loads(path.read_text())
-    except (OSError, ValueError, RecursionError):
-        return False
-    return isinstance(summary, dict) and {"scene", "units", "seconds"} <= summary.keys()
-
-
 def converged(out: Path) -> bool:
     """Whether `out` holds results of a run that has converged."""
     path = out / "summary.json"
-    return _is_summary(path) and bool(json.loads(path.read_text()).get("converged"))
+    return is_summary(path) and bool(json.loads(path.read_text()).get("converged"))
 
 
 # ---- studies ------------------------------------------------------------------------------------
@@ -134,11 +124,10 @@ def _unfit(place: Path, study: str) -> str:
         return "is no directory"
     if not os.listdir(place):
         return ""
-    mark = place / STUDY
-    if mark.is_symlink() or not mark.is_file():
+    if not is_study(place):
         return (f"holds files but no results of make {study}; choose another directory or empty "
                 "it")
-    if (earlier := mark.read_text(errors="replace").strip()) != study:
+    if (earlier := (place / STUDY).read_text(errors="replace").strip()) != study:
         return f"holds results of make {earlier}, not of make {study}; choose another directory"
     return ""
 
