@@ -6,7 +6,7 @@ from pathlib import Path
 
 from .. import environment
 from ..errors import InputError
-from . import declarations, element_kinds, explain, grammar, rooms, script, seal, size
+from . import compared, declarations, element_kinds, explain, grammar, rooms, script, seal, size
 from .manifest import Manifest, read_manifest
 from .script import text_digest
 
@@ -74,7 +74,7 @@ def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int 
     _check_echo(manifest, parameters)
     script.check_fixed_labels(scene, manifest)
     script.check_regions(scene, manifest)
-    script.check_compared(scene, manifest)
+    compared.check(scene, manifest)
     script.check_units(scene, manifest)
     return manifest
 

@@ -485,6 +485,33 @@ def test_numbers_in_sums_are_not_judged(tmp_path, formula):
     assert freefem.export(path, tmp_path / "export", SMALL).steps
 
 
+ABOVE = (("rectangle(0., 2., 0., 1.);", "int[int] above = [5, 6, 7, 8];\n"
+          "addBody(square(2, 2, [2*x, y]))\naddBody(square(3, 2, [2*x, 1. + y], label = above))"),
+         ("macro contact() 1 //", "macro contactPair() 5, 3 //"), ("traction(3", "traction(7"),
+         ('subdomains("2x1");\n', ""))
+
+
+@pytest.mark.parametrize("law, words", [
+    ("friction() (label == 3 ? 0.3 : 0.)", "friction asks for label 3, the second of a contactPair,"
+     " whose nodes are those of the first: write label == 5"),
+    ("friction() F //\nmacro glued() (3 == label) //\nmacro cohesion() (glued ? 0.3 : 0.)",
+     "glued asks for label 3, the second"),
+    ("friction() F //\nmacro pairGap() (label == 3 ? 0.1 : 0.)", "pairGap asks for label 3, the")])
+def test_contact_laws_that_ask_for_a_second_label(said, law, words):
+    """They are evaluated on first ones alone, and had been zero without a word."""
+    message = said(*ABOVE, ("friction() F", law), parameters={"steps": "2"})
+    assert words in message and place(message)
+
+
+def test_laws_that_ask_for_first_labels_and_loads_for_any(tmp_path):
+    path, text = tmp_path / "mine.edp", SCENE
+    for old, new in (*ABOVE, ("friction() F", "friction() (label == 3 || label == 5 ? F : 0.)"),
+                     ("traction(7, 2., -10.)", "traction(7, (label == 3 ? 1. : 2.), -10.)")):
+        text = text.replace(old, new, 1)
+    path.write_text(text)
+    assert freefem.export(path, tmp_path / "export", {"steps": "2"}).contact_pairs == [[5, 3]]
+
+
 def test_a_region_beyond_those_of_the_meshes(said):
     """Of two bodies, regions 0 and 1."""
     changes = [(old, new.replace("region = 0", "region = 1").replace("region == 1", "region == 3"))
