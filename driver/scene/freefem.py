@@ -93,7 +93,8 @@ def export_study(scene: Path, directory: Path, parameters: dict[str, str], name:
     if more := changed - rooms.studied():
         raise InputError("a study can vary what changes friction, gap, loads, prescribed "
                          "displacements, their histories or steps; "
-                         f"{name.upper()} also changes {', '.join(sorted(more))}")
+                         f"{name.upper()} also changes {', '.join(sorted(more))}: sweep it by "
+                         "driver.run, as driver/README.md shows under From Python")
     places = [directory / str(k) for k in range(len(values))]
     for place in places:
         place.mkdir(parents=True)

@@ -117,6 +117,8 @@ def test_a_macro_that_does_not_end(said, name):
     ("friction() F", "friction() F*(1. + z)", "z in friction is FreeFEM's third coordinate"),
     ("2., -10.", "2.*x**2, -10.", "powers are x^2"), ("0.3 //", "3/10 //", "is 0: write 3./10"),
     ("amplitude1(t) t", "amplitude1(t) t^(1/2)", "is 0: write 1./2"),
+    ("macro contact() 1", "macro stepTimes() [ ] //\nmacro contact() 1",
+     "the list of stepTimes is empty: it expects [t1, t2, ...]"),
 ])
 def test_what_the_text_shows(said, old, new, words):
     message = said((old, new))
@@ -483,6 +485,13 @@ def test_numbers_in_sums_are_not_judged(tmp_path, formula):
     path.write_text(SCENE.replace("macro friction() F //",
                                   f"int k = 1;\nmacro friction() {formula} //"))
     assert freefem.export(path, tmp_path / "export", SMALL).steps
+
+
+@pytest.mark.parametrize("value, words", [
+    ("1e300", "expects a number between -1e300 and 1e300, not '1e300'"),
+    ("1e", "expects a number, not '1e'"), ("0.3.1", "expects a number, not '0.3.1'")])
+def test_what_is_no_number_and_what_is_too_large_a_one(said, value, words):
+    assert words in said(parameters=SMALL | {"friction": value})
 
 
 ABOVE = (("rectangle(0., 2., 0., 1.);", "int[int] above = [5, 6, 7, 8];\n"
