@@ -42,7 +42,7 @@ def write(directory: Path, title: str, parts: list[str]) -> Path:
     Raises InputError where a file of that name is there that is no page of ours.
     """
     path = directory / FILE
-    if not _is_ours(path):
+    if not is_ours(path):
         raise InputError(f"{path} is no page of make report and stays as it is: move it away, or "
                          "give it another name")
     with renamed(path) as hidden:
@@ -50,7 +50,7 @@ def write(directory: Path, title: str, parts: list[str]) -> Path:
     return path
 
 
-def _is_ours(path: Path) -> bool:
+def is_ours(path: Path) -> bool:
     """Whether nothing is at `path`, or a page that `page` made."""
     if not path.exists():
         return not path.is_symlink()

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from ..errors import InputError
 from ..files import FIGURES, STUDY, is_study, is_summary
+from ..report import page
 
 # of results, relative to their directory; a dot in front while a file is being written
 RESULTS = (r"summary\.json",
@@ -34,8 +35,9 @@ _at_work = {}  # descriptor of each directory of a study of this process, by dev
 def foreign(directory: Path, unfinished: bool = False) -> str:
     """The first name in a directory that no run gives, relative to it; empty if there is none.
 
-    A link or a device is foreign under any name. `unfinished`: the directory is that of a run at
-    work or of one that was stopped. Raises OSError where it cannot be listed.
+    A link or a device is foreign under any name, and so is a report.html that is no page of a run.
+    `unfinished`: the directory is that of a run at work or of one that was stopped. Raises OSError
+    where it cannot be listed.
     """
     known = re.compile("|".join(RESULTS + UNFINISHED if unfinished else RESULTS))
     remaining = [""]
@@ -49,6 +51,8 @@ def foreign(directory: Path, unfinished: bool = False) -> str:
                 remaining.append(f"{name}/")
             elif not (entry.is_file(follow_symlinks=False)
                       and known.fullmatch(f"{folder}{entry.name.removeprefix('.')}")):
+                return name
+            elif name == page.FILE and not page.is_ours(directory / name):
                 return name
     return ""
 
