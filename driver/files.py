@@ -9,6 +9,7 @@ FIGURES = ("geometry", "loading", "deformed", "contact_zoom", "contact_normal",
            "contact_tangential", "contact_status", "force_displacement", "cycles", "history",
            "convergence",
            "adaptivity")  # of a run
+STUDY = ".study"  # file in the directory of a study: its name
 
 
 @contextmanager
@@ -44,6 +45,21 @@ def write_table(path: Path, rows: list[dict], columns=None) -> Path:
         out.writeheader()
         out.writerows(rows)
     return path
+
+
+def is_summary(path: Path) -> bool:
+    """Whether a file is the summary of a run or of a parameter study."""
+    try:
+        summary = json.loads(path.read_text())
+    except (OSError, ValueError, RecursionError):
+        return False
+    return isinstance(summary, dict) and {"scene", "units", "seconds"} <= summary.keys()
+
+
+def is_study(directory: Path) -> bool:
+    """Whether a directory bears the mark of a study, which is no link."""
+    mark = Path(directory) / STUDY
+    return mark.is_file() and not mark.is_symlink()
 
 
 def read_rows(path: Path) -> list[dict[str, str]]:

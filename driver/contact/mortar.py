@@ -35,8 +35,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import InputError
 from ..scene.elements import cross
+from .shared_labels import SeveralPlaces
 from .side import POINT, WEIGHT, Side
 
 FACING = -0.2  # cosine between the normals of facing edges, at most
@@ -71,7 +71,7 @@ def meets(first: np.ndarray, second: np.ndarray, pairs: list) -> np.ndarray:
 
 def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None = None,
            reach: float | None = None, corners: np.ndarray | None = None) -> Coupling:
-    """Mortar coupling of two sides; InputError if a place of the first faces several places.
+    """Mortar coupling of two sides; SeveralPlaces if a place of the first faces several places.
 
     Edges meet where `able` (e, o) says so, by default all. With a `reach` the nearest place counts
     of those that are no farther away.
@@ -282,8 +282,9 @@ def _facing_parts(first: Side, normal: np.ndarray, second: Side, able: np.ndarra
     covered = np.bincount(e, stop - start, minlength=len(first.edges))
     if covered.max(initial=0.0) > 1.0 + 1e-6:
         place = first.xy[first.edges[covered.argmax()]].mean(axis=0)
-        raise InputError(f"contact pair: the boundary near ({place[0]:g}, {place[1]:g}) faces "
-                         "several places of the other side; label only the parts that can meet")
+        raise SeveralPlaces(
+            f"contact pair: the boundary near ({place[0]:g}, {place[1]:g}) faces several places of "
+            "the other side; label only the parts that can meet")
     order = np.lexsort((start, e))
     return e[order], o[order], start[order], stop[order]
 

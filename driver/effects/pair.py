@@ -7,6 +7,7 @@ import numpy as np
 from ..contact import mortar
 from ..contact.boundary import Configuration
 from ..contact.held import check_passed_on, lost_and_guided
+from ..contact.shared_labels import of_pairs
 from ..contact.side import Side, before_flanks, rises, sagitta, split
 from ..errors import InputError
 from ..feti.edges import edge_labels, outward_edges
@@ -102,15 +103,16 @@ class PairSides:
         normal = first.nodal_normals() if reach is None else self.at_first[labels]
         rubbing = np.zeros(len(gids), bool)
         rubbing[places] = rubs
-        lost, guided = lost_and_guided(first, second, (gids, others), self.fixed[0], normal,
-                                       rubbing, able, reach)
-        lost &= ~tip
-        if without is not None:
-            lost[places] |= without
-        held = held_nodes(gids, self.fixed[0]) | tip | lost
-        both = np.isin(self.fixed[0] // 2, others).any()
-        check_passed_on(first, one, lost, held, pairs, both)
-        pair = mortar.couple(first, second, held, able, reach, sharp if sharp.any() else None)
+        with of_pairs(pairs):
+            lost, guided = lost_and_guided(first, second, (gids, others), self.fixed[0], normal,
+                                           rubbing, able, reach)
+            lost &= ~tip
+            if without is not None:
+                lost[places] |= without
+            held = held_nodes(gids, self.fixed[0]) | tip | lost
+            both = np.isin(self.fixed[0] // 2, others).any()
+            check_passed_on(first, one, lost, held, pairs, both)
+            pair = mortar.couple(first, second, held, able, reach, sharp if sharp.any() else None)
         if held.all() or not pair.weight.any() and reach is None:
             one, two = pairs[0]
             raise InputError(

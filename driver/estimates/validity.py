@@ -13,7 +13,8 @@ normals   of closed nodes: distance from the obstacle or the other body, measure
 slide     of closed nodes on another body: how far they are along it from where their forces act on
           it, over the contact length (`largest_slide`); nothing where contact follows the motion
 overlaps  boundaries without declared contact that penetrate, of two bodies or of one, by more than
-          `TOUCH` of the smaller body's size; a gap that lets an obstacle reach through the body
+          `TOUCH` of the smaller body's size; a gap that lets an obstacle, or another body, reach
+          through the body, beside the mean of its length and height
 
 Limits: up to QUESTIONABLE errors of displacements and tractions from this stay within about a tenth
 (strain 0.1: 5 %; rotation 0.1: 0.5 % of all lengths and as much again as strain; a surface that
@@ -57,7 +58,7 @@ WORDS = {
                       "length", "contact is linear about the place before the load", "{remedy}"),
     "overlaps": ("{labels} overlap by {:.2g} of the body's size",
                  "contact is not declared there", "declare contact there, or smaller loads"),
-    "gap": ("the obstacle reaches through the body by {:.2g} of its size",
+    "gap": ("the {other} reaches through the body by {:.2g} of its size",
             "contact starts with that much to be pushed out", "look at sign and unit of the gap")}
 
 
@@ -289,34 +290,64 @@ class Validity:
                 if len(mine):
                     depth, near = true_distance.nearest(start[mine], start[theirs], end[theirs])
                     self._note_depth(step, mine, theirs[near], depth / min(size[one], size[two]),
-                                     pairs, start)
+                                     pairs, start, end)
         cut = true_distance.crossings(start, end, edges[:, :2])
         for i, k in cut[body[cut[:, 0]] == body[cut[:, 1]]]:
             depth = np.linalg.norm(end[i] - start[i]) / size[body[i]]
-            self._note_depth(step, np.array([i]), np.array([k]), np.array([depth]), pairs, start)
+            self._note_depth(step, np.array([i]), np.array([k]), np.array([depth]), pairs, start,
+                             end)
         if len(self.boundary.gid):
-            gap = self.boundary.start.declared.at(step.time).gap
-            k = int(gap.argmin())
-            whole = size[self.body[self.boundary.gid[k]]]
-            self.note("gap", -gap[k] / whole, self.boundary.xy[k], step.index)
+            self._check_gap(step, place)
 
-    def _note_depth(self, step, mine, theirs, depth, pairs, start) -> None:
-        """Depths of vertices (edges `mine` start there) behind the edges `theirs`."""
+    def _check_gap(self, step, place) -> None:
+        """How far contact starts inside, beside the mean of the body's length and height.
+
+        Of a pair that of the smaller body: a thin one that is bent by more than its height is no
+        mistake.
+        """
+        b, edges = self.boundary, self.structure.outer_edges
+        body = self.body[edges[:, 0]]
+        size = {k: np.ptp(place[edges[body == k, 0]], axis=0).mean() for k in np.unique(body)}
+        deep = -self.boundary.start.declared.at(step.time).gap
+        for label, paired in sorted({*zip(b.label.tolist(), b.paired.tolist())}):
+            here = np.flatnonzero((b.label == label) & (b.paired == paired))
+            others = [two for one, two in self.problem.manifest.contact_pairs if one == label]
+            met = np.unique(body[np.isin(edges[:, 2], others)]) if paired else []
+            k = here[deep[here].argmax()]
+            whole = min(size[n] for n in (self.body[b.gid[k]], *met))
+            self.note("gap", deep[k] / whole, b.xy[k], step.index,
+                      other="other body" if paired else "obstacle")
+
+    def _note_depth(self, step, mine, theirs, depth, pairs, start, end) -> None:
+        """Depths of vertices (edges `mine` start there) behind the edges `theirs`.
+
+        A vertex of two labels is named by that of its edges which faces the other boundary: with
+        the flank of a corner there may be contact. Edges that cross have their own labels.
+        """
         edges = self.structure.outer_edges
+        along = (end - start) / np.linalg.norm(end - start, axis=1)[:, None]
         for i, k, value in zip(mine, theirs, depth):
-            labels = edges[(edges[:, :2] == edges[i, 0]).any(axis=1), 2]
-            if value <= TOUCH or any(frozenset((a, edges[k, 2])) in pairs for a in labels):
+            here = np.flatnonzero((edges[:, :2] == edges[i, 0]).any(axis=1))
+            if value <= TOUCH or any(frozenset((a, edges[k, 2])) in pairs
+                                     for a in edges[here, 2]):
                 continue
-            two = tuple(sorted((int(edges[i, 2]), int(edges[k, 2]))))
+            own = i
+            if self.body[edges[i, 0]] != self.body[edges[k, 0]]:
+                askew = np.abs(elements.cross(along[here], along[k]))
+                own = here[np.lexsort((edges[here, 2], np.round(askew, 6)))[0]]
+            two = tuple(sorted((int(edges[own, 2]), int(edges[k, 2]))))
             self.overlaps[two] = max(self.overlaps.get(two, 0.0), float(value))
-            self.note("overlaps", value, start[i], step.index,
+            self.note("overlaps", value, start[i], step.index, pair=two,
                       labels=f"boundaries {two[0]} and {two[1]}")
 
     # ---- the verdict -----------------------------------------------------------------------------
     def summary(self) -> dict:
         """Entry `validity` of summary.json; the same on all ranks, collective."""
         worst = self.comm.bcast(self.worst)
-        overlaps = self.comm.bcast([[*labels, depth] for labels, depth in self.overlaps.items()])
+        # the pair that the reason names first, where others are as deep
+        named = worst["overlaps"].more.get("pair")
+        overlaps = self.comm.bcast([[*labels, depth] for labels, depth in sorted(
+            self.overlaps.items(), key=lambda pair: (-pair[1], pair[0] != named))])
         grade = {name: int(w.value > QUESTIONABLE[name]) + int(w.value > INVALID[name])
                  for name, w in worst.items()}
         grade |= {name: int((self.parts[name] > SPOT).sum()) for name in MEASURES}

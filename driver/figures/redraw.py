@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 from ..errors import InputError
+from ..files import is_study, is_summary
 from . import (accuracy, animation, bench, curved, effects, hard, locking, saddle, stopping, study,
                table, verify)
 from .gallery import draw_run
@@ -26,15 +27,18 @@ def redraw(directory: Path) -> list[Path]:
     Raises InputError if it holds neither a finished run nor a study.
     """
     summary = directory / "summary.json"
-    if summary.is_file():
+    if is_summary(summary):
         draw = study.draw if "study" in json.loads(summary.read_text()) else draw_run
         animated = (directory / "figures" / animation.NAME).exists()
         return [*draw(directory), *([animation.draw_animation(directory)] if animated else [])]
+    if not is_study(directory):  # tables of the user's own may begin like those of a study
+        raise InputError(f"{directory} holds no finished run and no study: name the directory "
+                         "that make run or a study wrote")
     paths = [drawn for path, draw in _tables(directory) for drawn in draw(path)]
     if (directory / SADDLE).is_file():
         paths += saddle.draw(directory)
     if not paths:
-        raise InputError(f"{directory} holds no finished run (no summary.json)")
+        raise InputError(f"{directory} holds a study without tables to draw: make it again")
     return paths
 
 
@@ -46,7 +50,8 @@ def finished(place: Path):
     for folder, inner, files in os.walk(place):
         if Path(folder) == Path(place):
             inner[:] = sorted(set(inner) - set(REFERENCES))
-        if {"summary.json", SADDLE} & set(files) or any(_tables(Path(folder))):
+        if "summary.json" in files or is_study(folder) and (
+                SADDLE in files or any(_tables(Path(folder)))):
             inner.clear()
             yield Path(folder)
         inner[:] = sorted(name for name in inner if not name.startswith("."))

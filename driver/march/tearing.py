@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..contact import shared_labels
 from ..contact.boundary import contact_boundary
 from ..contact.corner_pairs import corner_pairs
 from ..effects import Effects
@@ -32,7 +33,8 @@ def build(manifest: Manifest, subdomains: list[Subdomain], first: int, comm,
         ends = SupportEnds(fixed, skeleton, manifest)
         fixed, jumps = ends.fixed, ends.jumps
     sides = effects.paired_sides(subdomains, fixed, comm, moved)
-    contact = contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm, sides)
+    with shared_labels.explained(manifest, subdomains, skeleton, comm):
+        contact = contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm, sides)
     structure = number(manifest, subdomains, first, skeleton, fixed, contact, comm,
                        effects.frictional, effects.compliance(contact))
     structure.support_jumps = jumps

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from ..files import read_fields, read_table
+from ..files import is_study, is_summary, read_fields, read_table
 from ..results.tables import STRESSES, field_file
+from ..runs.outcome import describe
 
 WHOLE = ("step", "node", "boundary", "label")  # columns of whole numbers
 COMPONENTS = STRESSES
@@ -59,16 +60,29 @@ class Result:
     """A finished run; tables are dictionaries of columns, empty where the run has no such table."""
 
     def __init__(self, directory, text: str = ""):
-        """`text` is what the run printed. Raises InputError where there is no finished run."""
-        self.directory, self.text = Path(directory), text
+        """`text` is what the run printed, by default what its summary says. Raises InputError where
+        there is no finished run.
+        """
+        self.directory, self._printed = Path(directory), text
         if self.directory.is_file():
             raise InputError(f"{directory} is a file: give the directory of a run")
         try:
             self.summary = json.loads((self.directory / "summary.json").read_text())
         except FileNotFoundError:
-            raise InputError(f"{directory} holds no finished run (no summary.json)") from None
+            what = "a study, not a run" if is_study(self.directory) else "no finished run"
+            raise InputError(f"{directory} holds {what} (no summary.json)") from None
         except (OSError, ValueError) as problem:
             raise InputError(f"{directory}/summary.json is not readable ({problem})") from None
+        if not is_summary(self.directory / "summary.json"):
+            raise InputError(f"{directory}/summary.json is not the summary of a run")
+        if "study" in self.summary:
+            raise InputError(f"{directory} holds a study of {self.summary['study']}, not a run: "
+                             "its tables are .csv files; driver.open takes runs")
+
+    @functools.cached_property
+    def text(self) -> str:
+        """What the run printed at its end."""
+        return self._printed or describe(self.summary, self.directory) + "\n"
 
     def __repr__(self) -> str:
         converged = "" if self.summary["converged"] else ", not converged"

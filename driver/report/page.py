@@ -5,6 +5,9 @@ import struct
 from html import escape
 from pathlib import Path
 
+from ..errors import InputError
+from ..files import renamed
+
 FILE = "report.html"
 WIDE = 2.5  # width of a picture over its height from which on a phone would show it too small
 NARROW = 900  # pixels of a picture that a phone can show as it is
@@ -28,11 +31,38 @@ pre { overflow-x: auto; font-size: .8rem; } li { margin: .2rem 0; }
 """
 
 
+HEAD = ('<!doctype html>\n<html lang="en"><head><meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n')
+OWN = f"<style>{STYLE[:44]}"  # by which a page of ours is known, with its head
+
+
+def write(directory: Path, title: str, parts: list[str]) -> Path:
+    """Write the page of some parts in `directory`; returns its path.
+
+    Raises InputError where a file of that name is there that is no page of ours.
+    """
+    path = directory / FILE
+    if not is_ours(path):
+        raise InputError(f"{path} is no page of make report and stays as it is: move it away, or "
+                         "give it another name")
+    with renamed(path) as hidden:
+        hidden.write_text(page(title, parts), encoding="utf-8")
+    return path
+
+
+def is_ours(path: Path) -> bool:
+    """Whether nothing is at `path`, or a page that `page` made."""
+    if not path.exists():
+        return not path.is_symlink()
+    if path.is_symlink() or not path.is_file():
+        return False
+    text = path.read_text(encoding="utf-8", errors="replace")
+    return text.startswith(HEAD) and OWN in text
+
+
 def page(title: str, parts: list[str]) -> str:
     """The page of some parts; empty ones are left out."""
-    return ('<!doctype html>\n<html lang="en"><head><meta charset="utf-8">\n'
-            '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-            f"<title>{escape(title)}</title>\n<style>{STYLE}</style></head>\n<body>\n"
+    return (f"{HEAD}<title>{escape(title)}</title>\n<style>{STYLE}</style></head>\n<body>\n"
             f"<h1>{escape(title)}</h1>\n" + "\n".join(filter(None, parts)) + "\n</body></html>\n")
 
 

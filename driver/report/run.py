@@ -4,7 +4,6 @@ import json
 from pathlib import Path
 
 from ..estimates import budget, prices
-from ..files import renamed
 from ..results import screen
 from ..results.tables import BOUNDARIES, PROBES
 from ..units import generic
@@ -28,24 +27,24 @@ KINDS = {"ok": "good", "questionable": "doubtful", "invalid": "bad"}  # of valid
 
 
 def write(directory: Path) -> Path:
-    """Write the page of the run in `directory` and return its path. Raises OSError."""
+    """Write the page of the run in `directory` and return its path.
+
+    Raises OSError, and InputError where a report.html is there that is no page of a run.
+    """
     summary = json.loads((directory / "summary.json").read_text())
     title = " ".join(filter(None, (summary["scene"], summary["variant"])))
-    path = directory / page.FILE
-    with renamed(path) as hidden:
-        hidden.write_text(page.page(title, [
-            *_verdict(summary), page.section("Quantities", *_quantities(summary)),
-            page.section("The price of the next digit",
-                         *_prices(summary.get("errors", {}).get("prices"))),
-            page.section("Contact boundaries, last step",
-                         _rows(summary, "boundaries", "boundary", BOUNDARIES)),
-            page.section("Probes, last step", _rows(summary, "probes", "probe", PROBES)),
-            page.section("Cycles", *map(page.paragraph, screen.cycles(
-                summary.get("cycles"), summary["units"]))),
-            page.section("Warnings", page.bullets(summary["warnings"])),
-            page.section("Figures", *pictures(directory / "figures")),
-            page.section("The run", *_settings(summary))]), encoding="utf-8")
-    return path
+    return page.write(directory, title, [
+        *_verdict(summary), page.section("Quantities", *_quantities(summary)),
+        page.section("The price of the next digit",
+                     *_prices(summary.get("errors", {}).get("prices"))),
+        page.section("Contact boundaries, last step",
+                     _rows(summary, "boundaries", "boundary", BOUNDARIES)),
+        page.section("Probes, last step", _rows(summary, "probes", "probe", PROBES)),
+        page.section("Cycles", *map(page.paragraph, screen.cycles(
+            summary.get("cycles"), summary["units"]))),
+        page.section("Warnings", page.bullets(summary["warnings"])),
+        page.section("Figures", *pictures(directory / "figures")),
+        page.section("The run", *_settings(summary))])
 
 
 def _verdict(summary: dict) -> list[str]:

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 from ..errors import InputError
-from ..files import read_rows, renamed
+from ..files import is_study, is_summary, read_rows
 from . import page
 from . import run as single
 
@@ -44,33 +44,38 @@ def write(directory: Path) -> Path:
     """
     directory = Path(directory)
     summary = directory / "summary.json"
-    if summary.is_file() and "study" not in json.loads(summary.read_text()):
+    is_run = is_summary(summary)
+    if is_run and "study" not in json.loads(summary.read_text()):
         return single.write(directory)
     tables = {path: read_rows(path) for path in sorted(directory.glob("*.csv"))}
     # pictures of studies have panels side by side: all but narrow ones are scrolled
     pictures = [*single.pictures(directory, CAPTIONS, 0),
                 *single.pictures(directory / "figures", CAPTIONS, 0)]
-    if not tables and not pictures:
-        raise InputError(f"{directory} holds no finished run and no study to report on")
-    path = directory / page.FILE
+    # a table or a picture alone may be anybody's
+    if not (is_run or is_study(directory)) or not tables and not pictures:
+        raise InputError(f"{directory} holds no finished run and no study to report on: name the "
+                         "directory that make run or a study wrote")
+    title = _title(directory, tables, summary if is_run else None)
+    judgements = [_judgement(table, rows) for table, rows in tables.items()]
+    tables = dict(sorted(tables.items(), key=lambda table: not _judgement(*table)))
+    return page.write(directory, title, [
+        *judgements,
+        page.section("Warnings", _warnings(summary)),
+        page.section("Figures", *pictures),
+        page.section("Tables", *(_table(table, rows) for table, rows in tables.items()))])
+
+
+def _title(directory: Path, tables: dict[Path, list[dict]], summary: Path | None) -> str:
+    """What a study is, by its summary or its tables, and the name of its directory."""
+    if summary is not None:
+        entries = json.loads(summary.read_text())
+        return f"{entries['scene']}: study of {entries['study']}"
     title = directory.resolve().name
     found = {path.name for path in tables} | {next(iter(rows[0]), "") for rows in tables.values()
                                               if rows}
     if kind := next((words for name, words in STUDIES.items() if name in found), ""):
         title = kind if title in DEFAULTS else f"{kind}: {title}"
-    if summary.is_file():
-        entries = json.loads(summary.read_text())
-        title = f"{entries['scene']}: study of {entries['study']}"
-    judgements = [_judgement(table, rows) for table, rows in tables.items()]
-    tables = dict(sorted(tables.items(), key=lambda table: not _judgement(*table)))
-    with renamed(path) as hidden:
-        hidden.write_text(page.page(title, [
-            *judgements,
-            page.section("Warnings", _warnings(summary)),
-            page.section("Figures", *pictures),
-            page.section("Tables", *(_table(table, rows) for table, rows in tables.items()))]),
-            encoding="utf-8")
-    return path
+    return title
 
 
 def _judgement(path: Path, rows: list[dict]) -> str:

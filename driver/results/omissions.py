@@ -12,6 +12,7 @@ SMOOTH, ROUND = np.cos(np.radians((20, 30)))  # normals of neighbours, and of a 
 DIAMOND = 1e12  # Pa: twice its shear modulus
 COARSE = 0.01  # RTOL beyond which forces are guesses; FRICTION_RTOL: ten times that
 FAR = 3.0  # times the size of the largest body
+APART = 0.5  # of that size, from which on a declared distance is seldom meant
 SLIDES = 1e-6  # part of the largest slip that is one
 FACES = 0.5  # part of a node's dual segment below which it faces nothing
 OVERLAP, FACETS = 1e-3, 0.05  # of the boundary's size, of a dual segment: what facets may overlap
@@ -51,6 +52,26 @@ def far_moves(structure, displacements: list[float]) -> list[str]:
     return [f"a body without support moves by {largest:.3g}, {largest / size:.0f} times the size "
             "of the largest body, until something holds it: does it begin where it should, in the "
             "unit of the others?"]
+
+
+def far_gaps(structure, declared) -> list[str]:
+    """A sentence for every label all of which is declared to lie far from what it meets.
+
+    Of obstacles that move towards it that may be meant.
+    """
+    b, size = structure.contact.start.declared, structure.travel.bodies.size.max(initial=0.0)
+    if "gap" not in declared or "obstacle_motion" in declared:
+        return []
+    said = []
+    for label in np.unique(b.label):
+        own = b.label == label
+        least = b.columns["gap"][own].min()
+        if least > APART * size:
+            macro = "pairGap" if b.paired[own].any() else "gap"
+            said.append(f"{macro} keeps contact label {label} at least {least:.3g} away from what "
+                        f"it meets, {least / size:.2g} of the size of the largest body: look at "
+                        "its sign and unit")
+    return said
 
 
 def support_jumps(jumps: list) -> list[str]:

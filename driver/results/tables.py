@@ -54,8 +54,9 @@ WORN = Column("wear", "length", "worn depth since time 0, where the scene declar
               "most the gap and this")
 GEOMETRIES = Column("geometries", "1", "contact geometries of the step, where contact follows the "
                     "motion")
-LABEL = Column("boundary", "1", "label of the contact boundary, where there are several; at a node "
-               "in which one goes on in another that of the longer part")
+LABEL = Column("boundary", "1", "label of the contact boundary, where there are several; of a pair "
+               "the first, which has the contact nodes; at a node in which one goes on in another "
+               "that of the longer part")
 
 PEAK = Column("peak_pressure", "stress", "largest contact pressure, located between nodes, with "
               "linear elements at ends of the boundary continued from inside; of bilateral contact "

@@ -34,6 +34,7 @@ LARGEST = 300_000  # nodes; twice as many unknowns
 SMALL = 1_500  # nodes up to which a run costs no more than the start of programs
 # that quadratic elements approach faster: others hang on places between nodes
 SMOOTH = ("normal_resultant", "tangential_resultant", "displacement", "peak_pressure")
+PRESSED = ("normal_resultant", "peak_pressure")  # none of which is there where nothing touches
 QUADRATIC = {"element": "P2"}
 
 
@@ -265,9 +266,12 @@ class Search(Trials):
                           for key in ("value", "total"))
         if self.name in vanishing(values) or not values[self.name]:
             error = f" but for its error of {errors[self.name]:.1g}" if errors[self.name] else ""
-            raise NoSolution(f"the {self.words} is zero{error} (by symmetry, or as nothing "
-                             "slides): it has no relative error to be met; ask for another "
-                             "quantity")
+            pressed = [values[name] for name in PRESSED if name in values]
+            cause = "by symmetry, or as nothing slides"
+            if pressed and not any(pressed):
+                cause = "nothing touches"
+            raise NoSolution(f"the {self.words} is zero{error} ({cause}): it has no relative error "
+                             "to be met; ask for another quantity")
         if self.name in vanishing(values, errors):
             raise NoSolution(f"the {self.words} is {values[self.name]:.1g} with an error of "
                              f"{errors[self.name]:.1g}, both next to nothing beside what the body "

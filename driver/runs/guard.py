@@ -12,7 +12,8 @@ import stat
 from pathlib import Path
 
 from ..errors import InputError
-from ..files import FIGURES
+from ..files import FIGURES, STUDY, is_study, is_summary
+from ..report import page
 
 # of results, relative to their directory; a dot in front while a file is being written
 RESULTS = (r"summary\.json",
@@ -27,7 +28,6 @@ RESULTS = (r"summary\.json",
 UNFINISHED = (r"(request|answer)\.json",
               r"(export|values|companions|levels|cycle-\d+)(/.*)?")
 FOLDERS = ("fields", "figures")
-STUDY = ".study"  # file in the directory of a study: its name
 BUSY = "is where another make {} works: wait for its end or choose another directory"
 _at_work = {}  # descriptor of each directory of a study of this process, by device and inode
 
@@ -35,8 +35,9 @@ _at_work = {}  # descriptor of each directory of a study of this process, by dev
 def foreign(directory: Path, unfinished: bool = False) -> str:
     """The first name in a directory that no run gives, relative to it; empty if there is none.
 
-    A link or a device is foreign under any name. `unfinished`: the directory is that of a run at
-    work or of one that was stopped. Raises OSError where it cannot be listed.
+    A link or a device is foreign under any name, and so is a report.html that is no page of a run.
+    `unfinished`: the directory is that of a run at work or of one that was stopped. Raises OSError
+    where it cannot be listed.
     """
     known = re.compile("|".join(RESULTS + UNFINISHED if unfinished else RESULTS))
     remaining = [""]
@@ -50,6 +51,8 @@ def foreign(directory: Path, unfinished: bool = False) -> str:
                 remaining.append(f"{name}/")
             elif not (entry.is_file(follow_symlinks=False)
                       and known.fullmatch(f"{folder}{entry.name.removeprefix('.')}")):
+                return name
+            elif name == page.FILE and not page.is_ours(directory / name):
                 return name
     return ""
 
@@ -72,7 +75,7 @@ def obstacle(out: Path) -> str:
         return "is the directory you are in, or holds it; choose another one or go elsewhere"
     if not any(os.scandir(out)):
         return ""
-    if not _is_summary(out / "summary.json"):
+    if not is_summary(out / "summary.json"):
         what = "files and a summary.json" if (out / "summary.json").exists() else "files"
         return f"holds {what} but no earlier run; choose another directory or empty it"
     name = foreign(out)
@@ -86,19 +89,10 @@ def _holds_working_directory(out: Path) -> bool:
     return out == here or out in here.parents
 
 
-def _is_summary(path: Path) -> bool:
-    """Whether a file is the summary of a run or a study."""
-    try:
-        summary = json.loads(path.read_text())
-    except (OSError, ValueError, RecursionError):
-        return False
-    return isinstance(summary, dict) and {"scene", "units", "seconds"} <= summary.keys()
-
-
 def converged(out: Path) -> bool:
     """Whether `out` holds results of a run that has converged."""
     path = out / "summary.json"
-    return _is_summary(path) and bool(json.loads(path.read_text()).get("converged"))
+    return is_summary(path) and bool(json.loads(path.read_text()).get("converged"))
 
 
 # ---- studies ------------------------------------------------------------------------------------
@@ -134,11 +128,10 @@ def _unfit(place: Path, study: str) -> str:
         return "is no directory"
     if not os.listdir(place):
         return ""
-    mark = place / STUDY
-    if mark.is_symlink() or not mark.is_file():
+    if not is_study(place):
         return (f"holds files but no results of make {study}; choose another directory or empty "
                 "it")
-    if (earlier := mark.read_text(errors="replace").strip()) != study:
+    if (earlier := (place / STUDY).read_text(errors="replace").strip()) != study:
         return f"holds results of make {earlier}, not of make {study}; choose another directory"
     return ""
 

@@ -72,8 +72,8 @@ def refusal(said: str, scene: Path) -> str:
         return f"{grammar.place(scene, quoted, -1)}: {said}"
     if re.match(r"(rectangle|rotate|units|quasistatic|addBody|bodyMaterial|subdomains)\b", said):
         return f"{grammar.uses(scene, first, -1 if 'twice' in said else 0)}: {said}"
-    if file := re.search(r"[\w./-]+\.(?:geo|msh)\b", said):
-        return f"{grammar.place(scene, re.escape(file[0]))}: {said}"
+    if file := re.search(r"[\w./-]+\.(?:geo|msh)\b|^\S+(?= is a directory| has no tri)", said):
+        return grammar.place(scene, re.escape(file[0]) + '"') + f": {said}"
     found = placed(said, scene)
     return found if found != said else f"{scene.name}: {said}"
 

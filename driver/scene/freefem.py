@@ -6,7 +6,7 @@ from pathlib import Path
 
 from .. import environment
 from ..errors import InputError
-from . import declarations, element_kinds, explain, grammar, rooms, script, seal, size
+from . import compared, declarations, element_kinds, explain, grammar, rooms, script, seal, size
 from .manifest import Manifest, read_manifest
 from .script import text_digest
 
@@ -74,7 +74,7 @@ def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int 
     _check_echo(manifest, parameters)
     script.check_fixed_labels(scene, manifest)
     script.check_regions(scene, manifest)
-    script.check_compared(scene, manifest)
+    compared.check(scene, manifest)
     script.check_units(scene, manifest)
     return manifest
 
@@ -93,7 +93,8 @@ def export_study(scene: Path, directory: Path, parameters: dict[str, str], name:
     if more := changed - rooms.studied():
         raise InputError("a study can vary what changes friction, gap, loads, prescribed "
                          "displacements, their histories or steps; "
-                         f"{name.upper()} also changes {', '.join(sorted(more))}")
+                         f"{name.upper()} also changes {', '.join(sorted(more))}: sweep it by "
+                         "driver.run, as driver/README.md shows under From Python")
     places = [directory / str(k) for k in range(len(values))]
     for place in places:
         place.mkdir(parents=True)

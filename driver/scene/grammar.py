@@ -276,6 +276,8 @@ def _fault(definition: Definition, names: set[str]) -> str:
                 f"{given or 'none'}: {form}")
     if not content and not macro.text.startswith("any content"):
         return f"the macro {name} is empty: it expects {macro.text}"
+    if re.fullmatch(r"\[[\s,]*\]", content):
+        return f"the list of {name} is empty: it expects {re.split('[:;]', macro.text)[0]}"
     if macro.text.startswith("[") and re.fullmatch(r"[-+.,\d\s]+", content):
         return f"{name} expects brackets around its numbers: macro {name}() [{content}] //"
     return _unbalanced(name, content)

@@ -247,3 +247,14 @@ def of_loads() -> frozenset[str]:
     """Macros and numbers that load patterns are made of: all that rooms of loads read."""
     return frozenset(name for room in rooms() if room.given_on for macro in room.macros
                      for name in macro.names)
+
+
+@functools.cache
+def of_contact() -> frozenset[str]:
+    """Macros of contact laws, gaps and obstacles: numbers at contact nodes."""
+    needing = {"contact"}
+    for room in rooms():  # in which what is needed comes first
+        if any(needing & set(names) for names in room.needs):
+            needing.add(room.name)
+    return frozenset(name for room in rooms() if room.name in needing - {"contact"}
+                     for macro in room.macros for name in macro.names)

@@ -18,9 +18,6 @@ OWN_FILES = ("scene.idp", "export.idp", "gmsh.idp")  # includes of a scene that 
 OPERATORS = {"and": "&&", "or": "||"}
 # whole numbers alone: what multiplies or divides them before makes another quotient
 WHOLE_QUOTIENT = r"(?<![\w.^*/)\]\s])\s*\b(\d+)\s*/\s*(\d+)(?![\w.])"
-# in code without blanks; numbers in sums and products are not judged
-COMPARED = re.compile(r"(?<![-+*/%.\w])(?:(label|region)[!=]=(\d+)(?![-+*/%.\w])|"
-                      r"(\d+)[!=]=(label|region)(?![-+*/%\w]))")
 DECLARATION = r"^(?!macro)(?:func )?\w+(?:\[[^\]]*\])? ([^;\n]*)"  # global: type, declarators
 
 
@@ -254,36 +251,6 @@ def check_fixed_labels(scene: Path, manifest: Manifest) -> None:
                     f"{name} line {number}: on({label}, ...) names no boundary of the mesh, whose "
                     f"labels are {', '.join(map(str, manifest.labels))} (a line inside a body is "
                     "none: make two bodies of it by addBody)")
-
-
-def check_compared(scene: Path, manifest: Manifest) -> None:
-    """Refuse declarations that compare the label or the region with a number that the mesh lacks.
-
-    Such a comparison is true nowhere, and what it chooses silently that of all other places. Of
-    regions the lowest and the highest number are known. Raises InputError.
-    """
-    lowest, highest = map(int, manifest.regions)
-    regions = str(lowest) if lowest == highest else f"{lowest} to {highest}"
-    there = {"label": manifest.labels, "region": range(lowest, highest + 1)}
-    words = {"label": f"no boundary of the mesh has, whose labels are "
-                      f"{', '.join(map(str, manifest.labels))}",
-             "region": f"no part of the mesh has, whose regions are {regions}"}
-    macros = [macro for source in grammar.sources(scene) for macro in grammar.definitions(source)]
-    for macro in macros:
-        for found in COMPARED.finditer("".join(grammar.without_texts(macro.content).split())):
-            name, number = found[1] or found[4], int(found[2] or found[3])
-            if number not in there[name] and macro.name in _declaring(macros):
-                raise InputError(f"{macro.path.name} line {macro.line}: {macro.name} asks for "
-                                 f"{name} {number}, which {words[name]}")
-
-
-def _declaring(macros: list) -> frozenset[str]:
-    """Words of declarations, of the macros that they call, and so on."""
-    found = rooms.vocabulary()
-    for _ in macros:
-        found |= {word for macro in macros if macro.name in found
-                  for word in re.findall(r"\w+", grammar.without_texts(macro.content))}
-    return found
 
 
 def check_regions(scene: Path, manifest: Manifest) -> None:

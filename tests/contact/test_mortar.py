@@ -6,6 +6,7 @@ import pytest
 from driver.contact import mortar
 from driver.contact.side import Side
 from driver.errors import InputError
+from driver.scene import freefem
 
 ABOVE, BELOW = np.array([0.0, 0.7, 1.5, 3.0, 4.0]), np.array([-0.5, 0.4, 1.1, 2.9, 3.3, 4.6])
 
@@ -178,3 +179,32 @@ def test_places_that_face_several_others():
     assert not mortar.couple(first, both, none, able, reach=1.0).weight.any()
     pairs = mortar.meets(np.array([1, 2]), np.array([3, 4, 5]), [(1, 3), (2, 5), (1, 4)])
     assert pairs.tolist() == [[True, True, False], [False, False, True]]
+
+
+SAME = """include "scene.idp"
+subdomains("{cut}");
+int[int] upper = [1, 2, {top}, 4];
+addBody(square(8, 2, [4.*x, y]))
+addBody(square(5, 2, [1. + 2.*x, 1. + y], label = upper))
+macro young() 1000. //
+macro poisson() 0.3 //
+macro support() on(2, u1 = 0., u2 = 0.) //
+macro load1() traction(4, 1., 0.) //
+macro contactPair() 1, 3 //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("top, words", [
+    (3, "labels 1 and 3 are on bodies 1 and 2; give each body labels of its own"),
+    (5, None)])
+def test_labels_of_both_bodies(scene, read, tmp_path, top, words):
+    """They are what is wrong where a place faces several others, whichever cut; else they may be.
+    """
+    path = scene(SAME.replace("{cut}", "4").replace("{top}", str(top)))
+    freefem.export(path, tmp_path / "export", {})
+    if words is None:
+        assert read(tmp_path / "export", reduce=False).structure.contact.weight.sum() > 1.9
+        return
+    with pytest.raises(InputError, match=f"faces several places of the other side: {words}"):
+        read(tmp_path / "export", reduce=False)

@@ -61,6 +61,21 @@ include "export.idp"
 '''
 
 
+PRESSED = """include "scene.idp"
+units("mm", "MPa");
+subdomains("2");
+real reach = physical("reach", 0.);
+int[int] above = [11, 12, 13, 14];
+addBody(square(10, 3, [40*x, 10*y]))
+addBody(square(6, 3, [10 + 20*x, 10 + 10*y], label = above))
+macro young() 210e6 //
+macro poisson() 0.3 //
+macro support() on(1, u1 = 0., u2 = 0.) + on(14, u1 = 0.) //
+macro load1() pressure(13, 50.) //
+macro contactPair() 11, 3 //
+macro pairGap() reach //
+include "export.idp"
+"""
 BUSH = HEAD.replace('"2x2"', '"4"') + '''real h = meshSize(2.);
 int inner = rint(2*pi*10/h), outer = rint(2*pi*10/(1.3*h));
 border pin(t=0, 2*pi) { x = 10*cos(t); y = 10*sin(t); label = 1; }
@@ -384,6 +399,17 @@ def test_a_gap_of_the_wrong_unit_is_said(verdict):
     assert entry["verdict"] == "invalid" and status == 0
 
 
+def test_a_gap_of_a_pair_is_judged_by_the_smaller_body(verdict):
+    """Blocks 40 x 10 and 20 x 10: by 10 and by 4 of 15, the mean of the sides of the smaller one.
+    """
+    for reach, expected in ((-10.0, "questionable"), (-4.0, "ok"), (-1e3, "invalid")):
+        entry, warnings, _ = verdict(PRESSED, reach=reach)
+        assert entry["verdict"] == expected, entry
+        said = [line for line in warnings if "the other body reaches through the body" in line]
+        assert len(said) == (expected != "ok")
+    assert "by 67 of its size" in said[0]
+
+
 TREAD = HEAD + '''rectangle(0., 20., 0., 10.);
 quasistatic(1.);
 macro young() 50. //
@@ -422,6 +448,31 @@ def test_bodies_through_each_other_are_named(verdict):
     assert any("boundaries" in line and "overlap" in line for line in warnings)
     entry, _, _ = verdict(PLATES, down=0.39)
     assert entry["overlaps"] == [] and entry["verdict"] == "ok"
+
+
+CORNER = """include "scene.idp"
+units("mm", "MPa");
+subdomains("3");
+int[int] block = [21, 22, 23, 24], wall = [31, 32, 33, 34];
+addBody(square(4, 2, [8*x, 2*y]))
+addBody(square(4, 4, [3.9*x, 2.1 + 3.9*y], label = block))
+addBody(square(2, 4, [3.9 + x, 2.1 + 3.9*y], label = wall))
+macro young() 1000. //
+macro poisson() 0.3 //
+macro support() on(1, u1 = 0., u2 = 0.) + on(32, u1 = 0., u2 = 0.) //
+macro displacement1() on(23, u1 = 0., u2 = -{down}) //
+macro contactPair() 22, 34 //
+include "export.idp"
+"""
+
+
+def test_corners_are_named_by_the_edge_that_faces(verdict):
+    """A block beside a wall, with contact there, goes into the floor: not by the flank's label."""
+    entry, warnings, _ = verdict(CORNER.replace("{down}", "0.3"))
+    deepest = entry["overlaps"][0]
+    assert deepest[:2] == [3, 21] and deepest[2] == max(row[2] for row in entry["overlaps"])
+    assert any("boundaries 3 and 21 overlap" in line for line in warnings)
+    assert all(22 not in row[:2] and 24 not in row[:2] for row in entry["overlaps"])
 
 
 @pytest.mark.parametrize("pin", ["first", "last"])

@@ -1,5 +1,6 @@
 """Runs from Python: what driver.run and driver.open give, and how they fail."""
 
+import json
 import os
 import re
 import subprocess
@@ -33,6 +34,7 @@ def test_a_run_gives_the_files_by_name(result):
     assert result.probes == {}
     assert "products with F" in result.text and ": step " not in result.text
     assert "model" in repr(result)
+    assert driver.open(result.directory).text == result.text
 
 
 def test_fields_are_arrays(result):
@@ -97,6 +99,21 @@ def test_no_finished_run_to_open(tmp_path):
         driver.open(tmp_path)
     with pytest.raises(driver.DriverError, match="is a file: give the directory"):
         driver.open(tmp_path / "summary.json")
+    (tmp_path / "summary.json").write_text('{"scene": "mine"}')
+    with pytest.raises(driver.DriverError, match="is not the summary of a run"):
+        driver.open(tmp_path)
+
+
+def test_a_study_is_no_run_to_open(tmp_path):
+    """One of a parameter leaves a summary, others a mark."""
+    summary = {"scene": "model", "study": "friction", "units": {}, "seconds": {}, "converged": True}
+    (tmp_path / "summary.json").write_text(json.dumps(summary))
+    with pytest.raises(driver.DriverError, match="holds a study of friction, not a run: its tab"):
+        driver.open(tmp_path)
+    (tmp_path / "summary.json").unlink()
+    (tmp_path / ".study").write_text("effects")
+    with pytest.raises(driver.DriverError, match="holds a study, not a run"):
+        driver.open(tmp_path)
 
 
 @pytest.mark.slow

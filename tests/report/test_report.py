@@ -10,7 +10,7 @@ import pytest
 from driver import cli, options
 from driver.errors import InputError
 from driver.figures import redraw
-from driver.files import write_table
+from driver.files import STUDY, write_table
 from driver.report import page
 from driver.report import run as single
 from driver.report import study
@@ -50,6 +50,13 @@ class Page(HTMLParser):
     @property
     def words(self) -> str:
         return " ".join(" ".join(self.text).split())
+
+
+@pytest.fixture
+def place(tmp_path):
+    """A directory that a study has marked as its own."""
+    (tmp_path / STUDY).write_text("hard\n")
+    return tmp_path
 
 
 @pytest.fixture(scope="module")
@@ -103,33 +110,32 @@ def test_the_verdict_comes_first_and_in_its_colour(finished, tmp_path, change, w
     assert single.page.COLOURS[colour] in (copy / "report.html").read_text().split("Quantities")[0]
 
 
-def test_a_study_is_judged_by_its_table(tmp_path):
-    write_table(tmp_path / "report.csv", [
+def test_a_study_is_judged_by_its_table(place):
+    write_table(place / "report.csv", [
         {"case": "<a>", "status": "solved", "seconds": "1.5"},
         {"case": "b", "status": "refused", "seconds": ""},
         {"case": "c", "status": "FAILED", "seconds": "2"}])
-    write_table(tmp_path / "contact.csv", [{"status": "open", "x": "1"}])
-    (tmp_path / "report.png").write_bytes(PNG)
-    page = Page(study.write(tmp_path))
+    write_table(place / "contact.csv", [{"status": "open", "x": "1"}])
+    (place / "report.png").write_bytes(PNG)
+    page = Page(study.write(place))
     assert "report: of 3 rows 1 solved, 1 refused as it should be, 1 not." in page.words
     assert "contact:" not in page.words and len(page.links) == 1
     assert ["<a>", "solved", "1.5"] in page.rows
 
 
-def test_the_slides_table_is_read_beside_ours(tmp_path):
-    write_table(tmp_path / "table.csv", [
+def test_the_slides_table_is_read_beside_ours(place):
+    write_table(place / "table.csv", [
         {"n_s": "8", "it_monotone": "25", "slides_n_s": "8", "slides_it_monotone": "135",
          "seconds": "0.6", "method": "plain"}])
-    text = study.write(tmp_path).read_text()
+    text = study.write(place).read_text()
     first = text[text.index("fixed-point iterations"): text.index("<details")]
     assert "25 / 135" in first and "plain" in first and "slides_" not in first
     assert ">8<" in first and "8 / 8" not in first and "slides_n_s" in text
 
 
-def test_a_study_is_named_by_its_table_and_shows_a_short_one(tmp_path):
+def test_a_study_is_named_by_its_table_and_shows_a_short_one(place):
     """A folder of the user's own name stands in the title; pictures of a kind share a caption."""
-    folder = tmp_path / "hard"
-    folder.mkdir()
+    folder = place.rename(place.parent / "hard")
     write_table(folder / "report.csv", [{"family": "contact", "status": "solved"}])
     write_table(folder / "more.csv", [{"x": str(k)} for k in range(3)])
     (folder / "work_precision_slip.png").write_bytes(
@@ -137,17 +143,17 @@ def test_a_study_is_named_by_its_table_and_shows_a_short_one(tmp_path):
     text = study.write(folder).read_text()
     assert "<h1>Hard cases</h1>" in text and "front below: slip" in text and 'class="wide"' in text
     assert "<summary>more.csv" in text and "<p>report.csv, 1 row</p>" in text
-    mine = folder.rename(tmp_path / "mine")
+    mine = folder.rename(place.parent / "mine")
     assert "<h1>Hard cases: mine</h1>" in study.write(mine).read_text()
 
 
-def test_effects_that_are_needed_are_no_failure(tmp_path):
+def test_effects_that_are_needed_are_no_failure(place):
     """Left out, a support or friction may leave no solution: that is what the study shows."""
-    write_table(tmp_path / "slope.csv", [{"without": "", "status": "0"},
-                                         {"without": "friction", "status": "3"}])
-    page = Page(study.write(tmp_path))
+    write_table(place / "slope.csv", [{"without": "", "status": "0"},
+                                     {"without": "friction", "status": "3"}])
+    page = Page(study.write(place))
     assert "slope: of 2 rows 1 converged, 1 without a solution." in page.words
-    assert single.page.COLOURS["good"] in (tmp_path / "report.html").read_text()
+    assert single.page.COLOURS["good"] in (place / "report.html").read_text()
 
 
 def test_nothing_to_report_on_is_refused(tmp_path, command_here):
@@ -159,6 +165,37 @@ def test_nothing_to_report_on_is_refused(tmp_path, command_here):
     assert done.returncode == 2 and "make report has no option SCENE; it has OUT" in done.stderr
 
 
+@pytest.mark.parametrize("name", ["mine.csv", "report.png", "summary.json"])
+def test_files_of_somebody_are_no_study(tmp_path, command_here, name):
+    """A table that begins like one of a study, a picture or a summary of another program."""
+    write_table(tmp_path / "mine.csv", [{"kind": "a", "status": "solved"}])
+    path = tmp_path / name
+    if name.endswith("png"):
+        path.write_bytes(PNG)
+    elif name.endswith("json"):
+        path.write_text('{"scene": "mine"}')
+    (tmp_path / "report.html").write_text("mine")
+    before = sorted(tmp_path.iterdir())
+    for command in ("report", "figures"):
+        done = command_here(command, f"OUT={tmp_path}")
+        assert done.returncode == 2 and "holds no finished run and no study" in done.stderr
+    assert sorted(tmp_path.iterdir()) == before
+    assert (tmp_path / "report.html").read_text() == "mine"
+
+
+def test_a_page_of_somebody_is_left_in_a_study_and_a_run(finished, place):
+    """A page of ours is renewed, any other file of its name stays."""
+    write_table(place / "report.csv", [{"family": "contact", "status": "solved"}])
+    first = study.write(place).read_text()
+    assert study.write(place).read_text() == first
+    copy = shutil.copytree(finished.directory, place / "run")
+    for folder in (place, copy):
+        (folder / "report.html").write_text("<!doctype html><title>mine</title>")
+        with pytest.raises(InputError, match="is no page of make report and stays as it is"):
+            study.write(folder)
+        assert "mine" in (folder / "report.html").read_text()
+
+
 def test_all_that_is_finished_is_found_however_deep(tmp_path, command_here, monkeypatch):
     """With spaces in names; not what lies in a run or ships, nor the place of a run at work."""
     monkeypatch.setattr(options, "RESULTS", tmp_path)
@@ -166,6 +203,7 @@ def test_all_that_is_finished_is_found_however_deep(tmp_path, command_here, monk
     run, table = tmp_path / "my runs" / "one", tmp_path / "accuracy" / "block"
     for folder in (run / "inner", tmp_path / ".two.77", tmp_path / "reference", table):
         folder.mkdir(parents=True)
+    (table / STUDY).write_text("hard\n")
     for folder in (run, run / "inner", tmp_path / ".two.77", tmp_path / "reference"):
         (folder / "summary.json").write_text("{}")
     write_table(table / "mine.csv", [{"family": "contact", "status": "solved"}])
@@ -178,19 +216,19 @@ def test_all_that_is_finished_is_found_however_deep(tmp_path, command_here, monk
 
 def test_the_command_renews_pages(finished, tmp_path, capsys):
     copy = shutil.copytree(finished.directory, tmp_path / "run")
-    (copy / "report.html").write_text("old")
+    (copy / "report.html").write_text(page.page("old", []))
     cli.report([str(copy)])
     assert capsys.readouterr().out.strip().endswith("report.html")
     assert "Converged" in Page(copy / "report.html").words
 
 
-def test_what_a_benchmark_missed_stands_below_its_verdict(tmp_path):
+def test_what_a_benchmark_missed_stands_below_its_verdict(place):
     names = ("part", "name", "value", "unit", "target", "met")
     rows = [("products", "one", 52, "", "<= 651", "yes"), ("studies", "two", 5.2, "", "<= 5", "no")]
-    write_table(tmp_path / "report.csv", [dict(zip(names, row)) for row in rows])
-    write_table(tmp_path / "accuracy.csv", [{"sweep": "mesh", "value": 0.5}])
-    (tmp_path / "products.png").write_bytes(PNG)
-    found = Page(study.write(tmp_path))
+    write_table(place / "report.csv", [dict(zip(names, row)) for row in rows])
+    write_table(place / "accuracy.csv", [{"sweep": "mesh", "value": 0.5}])
+    (place / "products.png").write_bytes(PNG)
+    found = Page(study.write(place))
     assert "What accuracy costs: " in found.words and "of 2 rows 1 met, 1 not" in found.words
     assert found.rows[:2] == [["part", "name", "value", "target", "met"],
                               ["studies", "two", "5.2", "<= 5", "no"]]

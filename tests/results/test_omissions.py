@@ -229,6 +229,17 @@ def test_loads_are_told_body_by_body(run_of):
         assert loads[name][1 - order] == [0.0, 0.0]
 
 
+@pytest.mark.parametrize("macro, text", [("pairGap", BLOCKS), ("gap", BLOCK.replace(
+    "{more}", LOAD + "macro contact() 1 //\n{more}"))])
+def test_a_distance_in_another_unit_is_said(run_of, macro, text):
+    """Of a label that lies far away as a whole: one that is curved may do so at its ends."""
+    for distance, far in (("9.", True), ("0.001", False), ("-0.001", False), ("0.1*x*x", False)):
+        run = run_of(text.format(bottom=1, more=f"macro {macro}() {distance} //"))
+        said = [line for line in run.summary["warnings"] if "look at its sign" in line]
+        assert len(said) == far, run.summary["warnings"]
+        assert not far or said[0].startswith(f"{macro} keeps contact label ")
+
+
 def test_a_body_that_begins_far_away_is_said(run_of):
     """As one drawn in another unit; its fall onto the other is no deformation."""
     said = {bottom: run_of(BLOCKS.format(bottom=bottom, more="")).summary["warnings"]

@@ -387,6 +387,10 @@ def test_what_is_zero_has_no_relative_error():
         with pytest.raises(NoSolution) as refused:
             search._refuse_zero()
         assert said in str(refused.value)
+    # that of what does not touch is no matter of symmetry
+    search.budget = lambda: dict.fromkeys(("slip", *goal.PRESSED), {"value": 0.0, "total": 0.0})
+    with pytest.raises(NoSolution, match=r"the slip is zero \(nothing touches\): it has no"):
+        search._refuse_zero()
     # what may not be zero is not said to be
     search.budget = lambda: {"slip": {"value": 2e-4, "total": 3e-4},
                              "displacement": {"value": 1.0, "total": 0.01}}

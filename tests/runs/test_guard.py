@@ -64,6 +64,10 @@ def foreign_figure(out):
     (out / "figures" / "own.png").write_text("drawn by hand")
 
 
+def foreign_page(out):
+    (results(out) / "report.html").write_text("<!doctype html><title>mine</title>")
+
+
 def foreign_link(out):
     (results(out) / "contact.csv").symlink_to("/etc/passwd")
 
@@ -109,8 +113,8 @@ ROOT = pytest.mark.skipif(os.geteuid() != 0, reason="only root can give files aw
 
 
 @pytest.mark.parametrize("make", [
-    foreign_file, foreign_folder, foreign_figure, foreign_link, any_summary, damaged_summary,
-    unconverged_place, a_file, dangling, loop, link_to_others,
+    foreign_file, foreign_folder, foreign_figure, foreign_page, foreign_link, any_summary,
+    damaged_summary, unconverged_place, a_file, dangling, loop, link_to_others,
     pytest.param(strangers_link, marks=ROOT)])
 def test_what_is_no_run_is_refused_before_work_begins(tmp_path, make):
     make(tmp_path / "out")

@@ -117,6 +117,8 @@ def test_a_macro_that_does_not_end(said, name):
     ("friction() F", "friction() F*(1. + z)", "z in friction is FreeFEM's third coordinate"),
     ("2., -10.", "2.*x**2, -10.", "powers are x^2"), ("0.3 //", "3/10 //", "is 0: write 3./10"),
     ("amplitude1(t) t", "amplitude1(t) t^(1/2)", "is 0: write 1./2"),
+    ("macro contact() 1", "macro stepTimes() [ ] //\nmacro contact() 1",
+     "the list of stepTimes is empty: it expects [t1, t2, ...]"),
 ])
 def test_what_the_text_shows(said, old, new, words):
     message = said((old, new))
@@ -483,6 +485,40 @@ def test_numbers_in_sums_are_not_judged(tmp_path, formula):
     path.write_text(SCENE.replace("macro friction() F //",
                                   f"int k = 1;\nmacro friction() {formula} //"))
     assert freefem.export(path, tmp_path / "export", SMALL).steps
+
+
+@pytest.mark.parametrize("value, words", [
+    ("1e300", "expects a number between -1e300 and 1e300, not '1e300'"),
+    ("1e", "expects a number, not '1e'"), ("0.3.1", "expects a number, not '0.3.1'")])
+def test_what_is_no_number_and_what_is_too_large_a_one(said, value, words):
+    assert words in said(parameters=SMALL | {"friction": value})
+
+
+ABOVE = (("rectangle(0., 2., 0., 1.);", "int[int] above = [5, 6, 7, 8];\n"
+          "addBody(square(2, 2, [2*x, y]))\naddBody(square(3, 2, [2*x, 1. + y], label = above))"),
+         ("macro contact() 1 //", "macro contactPair() 5, 3 //"), ("traction(3", "traction(7"),
+         ('subdomains("2x1");\n', ""))
+
+
+@pytest.mark.parametrize("law, words", [
+    ("friction() (label == 3 ? 0.3 : 0.)", "friction asks for label 3, the second of a contactPair,"
+     " whose nodes are those of the first: write label == 5"),
+    ("friction() F //\nmacro glued() (3 == label) //\nmacro cohesion() (glued ? 0.3 : 0.)",
+     "glued asks for label 3, the second"),
+    ("friction() F //\nmacro pairGap() (label == 3 ? 0.1 : 0.)", "pairGap asks for label 3, the")])
+def test_contact_laws_that_ask_for_a_second_label(said, law, words):
+    """They are evaluated on first ones alone, and had been zero without a word."""
+    message = said(*ABOVE, ("friction() F", law), parameters={"steps": "2"})
+    assert words in message and place(message)
+
+
+def test_laws_that_ask_for_first_labels_and_loads_for_any(tmp_path):
+    path, text = tmp_path / "mine.edp", SCENE
+    for old, new in (*ABOVE, ("friction() F", "friction() (label == 3 || label == 5 ? F : 0.)"),
+                     ("traction(7, 2., -10.)", "traction(7, (label == 3 ? 1. : 2.), -10.)")):
+        text = text.replace(old, new, 1)
+    path.write_text(text)
+    assert freefem.export(path, tmp_path / "export", {"steps": "2"}).contact_pairs == [[5, 3]]
 
 
 def test_a_region_beyond_those_of_the_meshes(said):

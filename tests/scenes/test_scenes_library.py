@@ -2,6 +2,8 @@
 refused in one line.
 """
 
+import re
+
 import numpy as np
 import pytest
 
@@ -176,6 +178,23 @@ Physical Curve(2) = {6};
     assert ("the physical curve 5 of hanging.geo leads to where there are no triangles"
             in said["hanging"].reason)
     assert "label 2" in said["apart"].reason
+
+
+@pytest.mark.parametrize("name, text, words", [
+    ("meshes", None, "meshes is a directory: gmshBody takes a .geo or a .msh"),
+    ("box.step", "", "box.step has no triangles: gmshBody takes a .geo or a .msh; of another file"),
+    ("solid.geo", GEO.replace("Physical Surface(1) = {1};", "e[] = Extrude {0, 0, 1} {Surface{1};};"
+                              " Physical Volume(1) = {1};"),
+     "solid.geo is a body in three dimensions: mesh its plane section"),
+    ("bare.geo", GEO.replace("Physical Surface(1) = {1};", ""),
+     "bare.geo has no triangles: give its surfaces a Physical Surface")])
+def test_what_holds_no_plane_body_is_said(solved, scene, tmp_path, name, text, words):
+    if text is None:
+        (tmp_path / name).mkdir()
+    else:
+        (tmp_path / name).write_text(text)
+    run = solved(scene(extra='include "gmsh.idp"', body=f'body = gmshBody("{name}", 0.3);'))
+    assert run.status == 2 and re.search(r"\.edp line \d+: " + re.escape(words), run.reason)
 
 
 def test_material_must_be_declared_and_stable(solved, scene, tmp_path):

@@ -1,0 +1,71 @@
+"""Numbers with which declarations compare the label or the region at hand, without finding any.
+
+Such a comparison is true nowhere, and what it chooses silently that of all other places.
+"""
+
+import re
+from pathlib import Path
+
+from ..errors import InputError
+from . import grammar, rooms
+from .manifest import Manifest
+
+# in code without blanks; numbers in sums and products are not judged
+COMPARED = re.compile(r"(?<![-+*/%.\w])(?:(label|region)[!=]=(\d+)(?![-+*/%.\w])|"
+                      r"(\d+)[!=]=(label|region)(?![-+*/%\w]))")
+
+
+def check(scene: Path, manifest: Manifest) -> None:
+    """Refuse declarations that compare the label or the region with a number that is not there.
+
+    The mesh lacks it, or it is only the second label of contact pairs, where contact laws ask.
+    Of regions the lowest and the highest number are known. Raises InputError.
+    """
+    lowest, highest = map(int, manifest.regions)
+    regions = str(lowest) if lowest == highest else f"{lowest} to {highest}"
+    there = {"label": manifest.labels, "region": range(lowest, highest + 1)}
+    words = {"label": f"no boundary of the mesh has, whose labels are "
+                      f"{', '.join(map(str, manifest.labels))}",
+             "region": f"no part of the mesh has, whose regions are {regions}"}
+    macros = [macro for source in grammar.sources(scene) for macro in grammar.definitions(source)]
+    declaring = _declaring(macros, rooms.vocabulary())
+    laws = _declaring(macros, rooms.of_contact()) if manifest.contact_pairs else ()
+    for macro in macros:
+        asked = _compared(macro.content)
+        for name, number in asked:
+            if number not in there[name] and macro.name in declaring:
+                raise InputError(f"{macro.path.name} line {macro.line}: {macro.name} asks for "
+                                 f"{name} {number}, which {words[name]}")
+        if macro.name in laws:
+            labels = [number for name, number in asked if name == "label"]
+            if reason := _second_label(labels, manifest.contact_labels, manifest.contact_pairs):
+                raise InputError(f"{macro.path.name} line {macro.line}: {macro.name} asks for "
+                                 f"{reason}")
+
+
+def _compared(content: str) -> list[tuple[str, int]]:
+    """What a macro compares with numbers, label or region, and those."""
+    return [(found[1] or found[4], int(found[2] or found[3])) for found
+            in COMPARED.finditer("".join(grammar.without_texts(content).split()))]
+
+
+def _second_label(asked: list[int], own: list[int], pairs: list) -> str:
+    """Of which label that is only a second one a contact law asks in vain; empty without one.
+
+    `own` are those of contact nodes. Who asks for the first label of such a pair as well means it.
+    """
+    for label in asked:
+        firsts = [one for one, two in pairs if two == label]
+        if label not in own and firsts and not set(firsts) & set(asked):
+            return (f"label {label}, the second of a contactPair, whose nodes are those of the "
+                    f"first: write label == {' || label == '.join(map(str, firsts))}")
+    return ""
+
+
+def _declaring(macros: list, words: frozenset[str]) -> frozenset[str]:
+    """Words of declarations, of the macros that they call, and so on."""
+    found = words
+    for _ in macros:
+        found |= {word for macro in macros if macro.name in found
+                  for word in re.findall(r"\w+", grammar.without_texts(macro.content))}
+    return found
