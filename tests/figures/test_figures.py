@@ -838,6 +838,31 @@ def test_a_small_round_obstacle_has_small_marks():
     assert obstacle.marks_size(np.zeros((1, 2)), np.array([[1.0, 0.5]]), 100.0) == 100.0
 
 
+def round_run(x: float) -> SimpleNamespace:
+    """A run whose body meets a circle of radius 1 about (x, 0) that contact follows."""
+    ends = circle(1, np.linspace(0, -2 * np.pi, 65)) + [x, 0.0]
+    table = dict(zip(("x0", "y0", "x1", "y1"), [*ends[:-1].T, *ends[1:].T]))
+    return SimpleNamespace(obstacle={"step": np.zeros(64), **table},
+                           history={"step": np.array([1]), "time": np.array([1.0])})
+
+
+@pytest.mark.parametrize("size, sides", [(10.0, 64), (1.5, 26)], ids=["small", "large"])
+def test_a_small_obstacle_is_drawn_whole_with_marks_apart(size, sides):
+    """A body up to x = 10 before a circle from 9.5 to 11.5: what is beyond the picture of a small
+    one is drawn as well. Drawn a little apart its sides still meet, and so marks are even.
+    """
+    axes = Figure().add_subplot()
+    obstacle.draw_obstacles(axes, round_run(10.5), 0.0, size, 1.0,
+                            np.array([[10 - size, -1.0], [10.0, 1.0]]), 0.016 * size)
+    lines, marks = (np.array(part.get_segments()) for part in axes.collections)
+    assert len(lines) == sides
+    np.testing.assert_allclose(np.linalg.norm(lines - [10.5, 0.0], axis=2), 1 - 0.016 * size,
+                               atol=3e-3)
+    np.testing.assert_allclose(lines[1:, 0], lines[:-1, 1], atol=1e-12)
+    between = np.linalg.norm(np.diff(marks[:, 0], axis=0), axis=1)
+    assert between.min() > 0.6 * np.linalg.norm(np.diff(marks, axis=1), axis=2).max()
+
+
 def test_a_run_without_iterations_has_no_picture_of_them(tmp_path):
     """Without multipliers one solution is all: an empty diagram would say nothing."""
     run = figures.read_run(make_run(tmp_path, steps=1, products=6))
