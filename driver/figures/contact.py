@@ -13,6 +13,7 @@ from .style import BLUE, INK, RED, STATUS, status_name
 
 
 FAINT = 0.01  # of the largest pressure: the least that an axis of stresses shows
+NOTHING = 1e-9  # of the largest stress in the bodies, below which those on the boundary are zero
 
 
 def pale(colour: str) -> tuple:
@@ -76,13 +77,20 @@ def contact_scales(run: Run, shown: list, stresses: tuple, displacements: tuple)
     """Scales of arc, stress and displacement common to all panels of a figure."""
     def gather(names):
         return np.concatenate([rows[n] for _, rows in shown for n in names])
-    return (length_scale(run, gather(("arc",))), stress_scale(run, gather(stresses)),
+    return (length_scale(run, gather(("arc",))),
+            stress_scale(run, np.append(gather(stresses), least_stress(run))),
             length_scale(run, np.append(gather(displacements), visible(run))))
 
 
 def visible(run: Run) -> float:
     """Smallest displacement worth a scale, 1% of the body's largest: less would show rounding."""
     return 0.01 * run.history["max_displacement"].max()
+
+
+def least_stress(run: Run) -> float:
+    """Smallest stress worth a scale: less would show rounding."""
+    inside = run.last.von_mises.max() if run.last is not None else 0.0
+    return max(FAINT * np.abs(run.contact["sigma_n"]).max(), NOTHING * inside)
 
 
 def widen(axes, span: float) -> None:
@@ -112,7 +120,7 @@ def contact_panels(figure: Figure, run: Run, caption: str, panels: tuple) -> Non
                 mark_alone(axes, line)
             axes.axhline(0, color="0.45", lw=0.5, zorder=1)
             axes.locator_params(axis="y", nbins=6)
-        widen(above, FAINT * np.abs(run.contact["sigma_n"]).max() * stress.factor)
+        widen(above, least_stress(run) * stress.factor)
         widen(below, visible(run) * length.factor)
         below.set_xlabel(rf"arc length along $\Gamma_c$ [{arc.label}]")
     figure.align_ylabels()

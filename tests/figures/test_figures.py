@@ -561,7 +561,7 @@ def test_thinned_convergence_keeps_starts_and_counts_everything(tmp_path):
 def test_a_single_residual_has_an_axis(tmp_path):
     """Of its own decade and both beside it; Matplotlib would warn of one without extent."""
     run = figures.read_run(make_run(tmp_path))
-    run.convergence = {name: column[:1] for name, column in run.convergence.items()}
+    run.convergence = {name: column[1:2] for name, column in run.convergence.items()}
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         axes = figures.compose("convergence", run).axes[0]
@@ -597,6 +597,26 @@ def test_forces_of_unlike_size_have_panels_of_their_own(run):
     table["resultant_t"] = 0.5 * run.history["resultant_n"]
     together = figures.compose("history", dataclasses.replace(run, history=table))
     assert len(together.axes) == len(figure.axes) - 1
+
+
+def test_forces_and_work_that_are_rounding_are_zero(run):
+    """A tangential force of 1e-15 of the other, and its work: no panel that looks like a signal."""
+    noise = np.sin(7.0 * run.history["time"])
+    peak = np.abs(run.history["resultant_n"]).max()
+    table = {**run.history, "resultant_t": 1e-15 * peak * noise, "dissipated": 1e-17 * peak * noise}
+    pressing, _, work, _ = figures.compose("history", dataclasses.replace(run, history=table)).axes
+    both = [line.get_ydata() for line in pressing.lines[:2]]
+    assert np.abs(both[1]).max() < 1e-12 * np.abs(both[0]).max() and pressing.get_ylim()[1] > 1
+    assert not work.lines[0].get_ydata().any() and "10^" not in work.get_ylabel()
+
+
+def test_stresses_that_are_rounding_have_no_axis_of_their_own(run):
+    """Nodes that meet nothing, in a body under stress: zero within 1e-9 of that."""
+    table = {**run.contact, "sigma_n": -1e-17 * run.contact["arc"]}
+    figure = figures.compose("contact_normal", dataclasses.replace(run, contact=table))
+    low, high = figure.axes[0].get_ylim()
+    values = figure.axes[0].lines[0].get_ydata()
+    assert np.ptp(values) < 1e-9 * (high - low)
 
 
 @pytest.mark.parametrize("high", [1.0, 0.08, 0.015])
@@ -867,7 +887,10 @@ def test_a_run_without_iterations_has_no_picture_of_them(tmp_path):
     """Without multipliers one solution is all: an empty diagram would say nothing."""
     run = figures.read_run(make_run(tmp_path, steps=1, products=6))
     assert "convergence" in figures.wanted(run)
-    run.convergence["residual"] *= 0
+    iterations = run.convergence
+    run.convergence = {**iterations, "residual": 0 * iterations["residual"]}
+    assert "convergence" not in figures.wanted(run)
+    run.convergence = {**iterations, "kind": np.full(len(iterations["kind"]), "start")}
     assert "convergence" not in figures.wanted(run)
 
 
