@@ -122,6 +122,15 @@ def _facing(nodes: np.ndarray, normal: np.ndarray) -> list[np.ndarray]:
     return [run for run in np.split(nodes, np.flatnonzero(back) + 1) if len(run)]
 
 
+def surfaces(run: Run, time: float, size: float, times: float) -> list[tuple]:
+    """Pieces of the rigid obstacles as contact.csv tells them, in the run's own unit of length.
+
+    They are starts, ends and normals (e, 2) away from the body, as far as `draw_obstacle` goes.
+    """
+    rows = None if run.obstacle is not None else rigid_rows(run, time)
+    return [] if rows is None else list(_surfaces(rows, size, 1.0, 0.0, times))
+
+
 def draw_obstacle(axes, rows: dict, size: float, factor: float, away: float = 0.0,
                   times: float = 0.0) -> None:
     """The surface of the rigid obstacles, hatched, `away` outside of where it is.
@@ -129,6 +138,14 @@ def draw_obstacle(axes, rows: dict, size: float, factor: float, away: float = 0.
     `rows` are those of `rigid_rows`, `size` and `away` lengths of the picture. A flat one goes on
     as far as the body slides in a picture that magnifies displacements `times`.
     """
+    for start, end, out in _surfaces(rows, size, factor, away, times):
+        axes.add_collection(LineCollection(np.stack([start, end], axis=1), colors=INK,
+                                           linewidths=0.8))
+        hatch(axes, start, end, out, marks_size(start, end, size), INK)
+
+
+def _surfaces(rows: dict, size: float, factor: float, away: float, times: float):
+    """Starts, ends and normals of the pieces that `draw_obstacle` draws."""
     normal = np.column_stack([rows["normal_x"], rows["normal_y"]])
     gap = rows["gap"] * factor
     surface = np.column_stack([rows["x"], rows["y"]]) * factor + (gap + away)[:, None] * normal
@@ -149,6 +166,4 @@ def draw_obstacle(axes, rows: dict, size: float, factor: float, away: float = 0.
         middle = (normal[near][:-1] + normal[near][1:]) / 2 if len(near) > 1 else normal[near]
         middle = middle if len(middle) == len(start) else middle[:1]
         out = np.where((out * middle).sum(axis=1, keepdims=True) < 0, -out, out)
-        axes.add_collection(LineCollection(np.stack([start, end], axis=1), colors=INK,
-                                           linewidths=0.8))
-        hatch(axes, start, end, out, marks_size(start, end, size), INK)
+        yield start, end, out

@@ -18,8 +18,8 @@ from PIL import Image, ImageColor
 
 from driver import figures
 from driver.errors import InputError
-from driver.figures import (animation, body, contact, convergence, history, labels, layout,
-                            obstacle, outline, redraw, scales, style, theory)
+from driver.figures import (animation, body, contact, convergence, crossing, history, labels,
+                            layout, obstacle, outline, reading, redraw, scales, style, theory)
 
 ALL = ["geometry", "loading", "deformed", "contact_normal", "contact_tangential", "contact_status",
        "history", "convergence"]
@@ -856,6 +856,44 @@ def test_a_small_round_obstacle_has_small_marks():
     assert obstacle.marks_size(ends[:-1], ends[1:], 100.0) == pytest.approx(8.0)
     assert obstacle.marks_size(ends[:-1], ends[1:], 2.0) == 2.0
     assert obstacle.marks_size(np.zeros((1, 2)), np.array([[1.0, 0.5]]), 100.0) == 100.0
+
+
+def two_bars(gap: float):
+    """A bar 10 x 1 below another one, whose right ends move by 1e-3 towards each other.
+    """
+    xy, triangles, _ = torn_block((1, 1), 20)
+    x, y = (xy * [5.0, 1.0]).T
+    both = np.concatenate([np.column_stack([x, y]), np.column_stack([x, y + 1 + gap])])
+    way = 1e-5 * np.concatenate([x**2, -x**2])
+    mesh = reading.Mesh(1.0, both, np.concatenate([triangles, triangles + len(xy)]),
+                        np.column_stack([0 * way, way]), 0 * way, None, None, None, 1)
+    rim = mesh.xy[mesh.rim()[0]].reshape(-1, 4)
+    boundary = dict(zip(("x0", "y0", "x1", "y1"), rim.T)) | {"role": np.full(len(rim), "free")}
+    return SimpleNamespace(boundary=boundary, contact=None, obstacle=None, last=mesh, scene="own",
+                           summary={"effects": {}})
+
+
+@pytest.mark.parametrize("gap, times", [(0.4, 200), (3.0, 1000)])
+def test_bodies_that_stay_apart_are_not_drawn_through_each_other(gap, times):
+    """No contact is declared: 200 times 1e-3 from both sides are the gap of 0.4."""
+    assert body.magnification(two_bars(gap)) == times
+
+
+def test_a_body_that_slides_in_a_valley_is_not_drawn_into_its_side(tmp_path):
+    """The obstacle y = 0.2 (x - 1)^2 under a body of its shape, whose nodes move along the tangents
+    there by 1e-3: 100 times that leaves the surface by 0.2 * 0.1^2, a thousandth of the size.
+    """
+    run = figures.read_run(make_run(tmp_path, steps=1, scene="own", products=6))
+    rows, mesh, b = run.contact, run.last, run.boundary
+    for x, y in ((rows["x"], rows["y"]), (b["x0"], b["y0"]), (b["x1"], b["y1"]), mesh.xy.T):
+        y += 0.2 * (x - 1) ** 2
+    slope = 0.4 * (rows["x"] - 1)
+    rows["normal_x"], rows["normal_y"] = np.array([slope, 0 * slope - 1]) / np.hypot(1, slope)
+    rows.update(gap=0 * slope, u_n=0 * slope, u_t=0 * slope + 1e-3)
+    mesh.displacement = 1e-3 * np.column_stack([1 + 0 * mesh.xy[:, 0], 0.4 * (mesh.xy[:, 0] - 1)])
+    assert crossing.without_crossing(run, mesh, 300.0, 2.0, 0.0) == 100
+    mesh.displacement[:] = [0.0, 1e-3]
+    assert crossing.without_crossing(run, mesh, 300.0, 2.0, 0.0) == 300
 
 
 def round_run(x: float) -> SimpleNamespace:
