@@ -1,6 +1,7 @@
 """Stresses, displacements and status along the contact boundaries."""
 
 import numpy as np
+from matplotlib.collections import PolyCollection
 from matplotlib.colors import ListedColormap, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
@@ -13,6 +14,7 @@ from .style import BLUE, INK, RED, STATUS, status_name
 
 
 FAINT = 0.01  # of the largest pressure: the least that an axis of stresses shows
+LEAST = 0.02  # of an axis of arcs: closed zones in a picture of the status are at least as wide
 NOTHING = 1e-9  # of the largest stress in the bodies, below which those on the boundary are zero
 
 
@@ -212,8 +214,8 @@ def contact_tangential(figure: Figure, run: Run) -> None:
 def contact_status(figure: Figure, run: Run) -> None:
     """Open, stick and slip over arc and time; a step's cell covers the time since the last one."""
     boundaries = contact_boundaries(run.contact)
-    shown = boundaries[:PANELS]
-    (arc, _, _), seen = contact_scales(run, shown, ("sigma_n",), ("u_n",)), []
+    shown, seen, widened = boundaries[:PANELS], [], False
+    arc = contact_scales(run, shown, ("sigma_n",), ("u_n",))[0]
     for (_, rows), (axes,) in zip(shown, panel_grid(figure, shown, 1, 8.5)):
         times, nodes = np.unique(rows["time"]), np.count_nonzero(rows["step"] == rows["step"][0])
         status = rows["status"]
@@ -221,13 +223,41 @@ def contact_status(figure: Figure, run: Run) -> None:
             status = np.where(status == "open", "open", "slip")
         codes = np.array([list(STATUS).index(s) for s in status]).reshape(len(times), nodes)
         one = {name: rows[name][:nodes] for name in ("arc", "length", "x", "y")}
-        for part in np.split(np.arange(nodes), breaks(one)):
-            ends = segment_ends(one["arc"][part], one["length"][part]) * arc.factor
+        parts = [(part, segment_ends(one["arc"][part], one["length"][part]) * arc.factor)
+                 for part in np.split(np.arange(nodes), breaks(one))]
+        limits = min(ends[0] for _, ends in parts), max(ends[-1] for _, ends in parts)
+        for part, ends in parts:
             axes.pcolormesh(ends, np.concatenate([[0.0], times]), codes[:, part], vmin=0, vmax=2,
                             cmap=ListedColormap(list(STATUS.values())),
                             rasterized=nodes * len(times) > 5000, linewidth=0.3,
                             edgecolors="white" if max(nodes, len(times)) <= 60 else "none")
+            widened |= _narrow_zones(axes, ends, times, codes[:, part], limits)
         axes.set(xlabel=rf"arc length along $\Gamma_c$ [{arc.label}]", ylabel="time $t$")
         seen.append(status)
+    note = ["narrow closed zones drawn wider"] * widened + [panels_note(boundaries)]
     run_header(figure, run, r"Contact status on $\Gamma_c$ over time",
-               zone_handles(run, np.concatenate(seen), str), panels_note(boundaries))
+               zone_handles(run, np.concatenate(seen), str), ", ".join(filter(None, note)))
+
+
+def _narrow_zones(axes, ends: np.ndarray, times: np.ndarray, codes: np.ndarray,
+                  limits: tuple) -> bool:
+    """Draw closed zones between open nodes LEAST wide that would be hairlines; whether there are.
+
+    `ends` (n + 1,) are those of the nodes' cells, `codes` (t, n) the places of their statuses.
+    """
+    wide, cells, colours = LEAST * (limits[1] - limits[0]), [], []
+    for below, above, row in zip([0.0, *times], times, codes):
+        closed = np.concatenate([[0], row > 0, [0]])
+        for first, last in np.flatnonzero(np.diff(closed)).reshape(-1, 2):
+            own = ends[first:last + 1]
+            if own[-1] - own[0] >= wide:
+                continue
+            middle = np.clip((own[0] + own[-1]) / 2, limits[0] + wide / 2, limits[1] - wide / 2)
+            own = middle + wide * ((own - own[0]) / (own[-1] - own[0]) - 0.5)
+            cells += [[(x, below), (y, below), (y, above), (x, above)]
+                      for x, y in zip(own, own[1:])]
+            colours += [list(STATUS.values())[code] for code in row[first:last]]
+    if cells:
+        axes.add_collection(PolyCollection(cells, facecolors=colours, linewidths=0,
+                                           antialiased=False, rasterized=len(cells) > 5000))
+    return bool(cells)
