@@ -14,6 +14,7 @@ from .style import BLUE, INK, RED, STATUS, status_name
 
 
 FAINT = 0.01  # of the largest pressure: the least that an axis of stresses shows
+MEET = 1.01  # nodes that share an edge are no farther apart than so many times their segments
 LEAST = 0.02  # of an axis of arcs: closed zones in a picture of the status are at least as wide
 NOTHING = 1e-9  # of the largest stress in the bodies, below which those on the boundary are zero
 
@@ -46,7 +47,7 @@ def breaks(rows: dict) -> np.ndarray:
     """
     length = rows["length"]
     away = np.maximum(np.diff(rows["arc"]), np.hypot(np.diff(rows["x"]), np.diff(rows["y"])))
-    return np.flatnonzero(away > 1.01 * (length[:-1] + length[1:])) + 1
+    return np.flatnonzero(away > MEET * (length[:-1] + length[1:])) + 1
 
 
 def zone_handles(run: Run, status: np.ndarray, tint) -> list:
@@ -67,7 +68,24 @@ def final_boundaries(run: Run) -> list:
     last = select(run.contact, run.contact["time"] == final_time(run))
     if not run.friction:
         last["status"] = np.where(last["status"] == "open", "open", "slip")
-    return contact_boundaries(last)
+    return [(label, in_one(rows)) for label, rows in contact_boundaries(last)]
+
+
+def in_one(rows: dict) -> dict:
+    """Rows of a boundary, sorted by step and arc, whose arc does not begin inside of it.
+
+    The arc of a closed outline begins at any of its nodes. What comes last and ends beside the
+    first node then stands before it, with negative arcs.
+    """
+    nodes = np.count_nonzero(rows["step"] == rows["step"][0])
+    one = {name: rows[name][:nodes] for name in ("arc", "length", "x", "y")}
+    away = np.hypot(one["x"][-1] - one["x"][0], one["y"][-1] - one["y"][0])
+    apart = breaks(one)
+    if not len(apart) or not 0 < away < MEET * (one["length"][0] + one["length"][-1]):
+        return rows
+    back = np.where(np.arange(nodes) >= apart[-1], one["arc"][-1] + away - one["arc"][0], 0.0)
+    rows = rows | {"arc": rows["arc"] - np.tile(back, len(rows["arc"]) // nodes)}
+    return select(rows, np.lexsort((rows["arc"], rows["step"])))
 
 
 def curve_style(nodes: int) -> dict:
@@ -213,7 +231,7 @@ def contact_tangential(figure: Figure, run: Run) -> None:
 
 def contact_status(figure: Figure, run: Run) -> None:
     """Open, stick and slip over arc and time; a step's cell covers the time since the last one."""
-    boundaries = contact_boundaries(run.contact)
+    boundaries = [(label, in_one(rows)) for label, rows in contact_boundaries(run.contact)]
     shown, seen, widened = boundaries[:PANELS], [], False
     arc = contact_scales(run, shown, ("sigma_n",), ("u_n",))[0]
     for (_, rows), (axes,) in zip(shown, panel_grid(figure, shown, 1, 8.5)):

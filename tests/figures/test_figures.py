@@ -1131,3 +1131,21 @@ def test_parts_of_a_boundary_that_do_not_meet_are_apart():
             "length": np.array([0.5, 1, 0.5, 0.5, 1, 0.5, 0.5]),
             "x": np.array([0.0, 1, 2, 7, 8, 14, 15]), "y": np.zeros(7)}
     assert contact.breaks(rows).tolist() == [3, 5]
+
+
+def test_a_closed_outline_that_starts_inside_a_label_is_one_curve(run):
+    """A label on a quarter of a circle of 80 nodes, whose arc begins in the middle of it: what has
+    arcs near the whole length stands before the start, in every step.
+    """
+    arc, nodes = np.arange(80) * np.pi / 40, np.r_[0:11, 70:80]
+    ends = {"x": np.cos(arc[nodes]), "y": np.sin(arc[nodes]), "arc": arc[nodes],
+            "length": np.full(21, np.pi / 40), "weight": np.full(21, np.pi / 40)}
+    table = run.contact | {name: np.tile(values, 20) for name, values in ends.items()}
+    closed = dataclasses.replace(run, contact=table)
+    (_, rows), = contact.final_boundaries(closed)
+    assert len(contact.breaks(rows)) == 0
+    np.testing.assert_allclose(rows["arc"], (np.arange(21) - 10) * np.pi / 40, atol=2e-4)
+    assert np.all(np.diff(np.arctan2(rows["y"], rows["x"])) > 0)
+    assert len(figures.compose("contact_status", closed).axes[0].collections) == 1
+    half = {name: column[:15] for name, column in rows.items()}
+    assert np.array_equal(contact.in_one(half)["arc"], half["arc"])
