@@ -756,6 +756,26 @@ def test_labels_loads_and_weight_are_on_the_picture(tmp_path):
     assert np.all(down.U == 0) and np.all(down.V < 0)
 
 
+def test_the_arrow_of_a_body_force_does_not_stand_in_a_hole(tmp_path):
+    """A block without its middle: the arrow is in what is left, farthest from all sides."""
+    run = figures.read_run(make_run(tmp_path, steps=1, products=6, subdomains=(1, 1), cells=20))
+    run.summary["loads"] = [{"effect": "body_force", "bodies": [[0.0, -1.0]]}]
+    mesh = run.first
+
+    def arrow() -> np.ndarray:
+        axes = figures.compose("geometry", run).axes[0]
+        own, = (part for part in axes.collections
+                if hasattr(part, "U") and np.allclose(part.get_facecolor()[0, :3], 0x77 / 255))
+        return np.array([own.X[0] + own.U[0] / 2, own.Y[0] + own.V[0] / 2])
+
+    assert arrow() == pytest.approx([1.0, 0.5])
+    off = np.abs(mesh.xy[mesh.triangles].mean(axis=1) - [1.0, 0.5])
+    left = (off > [0.5, 0.25]).any(axis=1)
+    for name in ("triangles", "body", "region"):
+        setattr(mesh, name, getattr(mesh, name)[left])
+    assert abs(arrow()[0] - 1.0) == pytest.approx(0.75, abs=0.1)
+
+
 @pytest.mark.parametrize("modulus, expected", [
     (lambda x, y: np.where(y < 0.4, 2.0, 80.0), ["$G$ = 2 Pa", "$G$ = 80 Pa"]),
     # a few triangles across the interface have means of both
