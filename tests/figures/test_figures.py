@@ -534,7 +534,7 @@ def test_status_picture_has_a_cell_for_every_node_and_step(run, drawn):
 
 
 def test_single_closed_nodes_are_seen(run):
-    """The last of 21 nodes, whose cell is a hundredth of the arc, is no hairline in either step, and
+    """The last of 21 nodes, whose cell is a hundredth of the arc, is no hairline in either step and
     not beyond the axes; one inside is wide enough.
     """
     table = {name: column[run.contact["step"] == 1] for name, column in run.contact.items()}
