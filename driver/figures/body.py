@@ -1,7 +1,7 @@
 """The deformed bodies with their stress, as a whole and at the contact where that is small.
 
-Displacements are magnified where they are small, but not so far that bodies that touch would run
-through each other or through an obstacle in the picture: gaps are not magnified. The von Mises
+Displacements are magnified where they are small, but not so far that bodies would run through each
+other or through an obstacle in the picture: gaps are not magnified. The von Mises
 stress is that of the averaged stresses at the nodes.
 """
 
@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from scipy.spatial import cKDTree
 
+from .crossing import without_crossing
 from .layout import map_axes, run_header, shrink_to_body
 from .obstacle import draw_obstacles, draw_planes, pieces, rigid_rows
 from .outline import outer
@@ -46,7 +47,8 @@ def magnification(run: Run, mesh: Mesh | None = None, size: float | None = None)
     if largest == 0 or largest > LARGE * size:
         return 1.0
     wish = min(SHOWN * size / largest, STRAIN / max(_strain(mesh), np.finfo(float).tiny))
-    return round_magnification(wish, _without_overlap(run, mesh.time, size))
+    times = round_magnification(wish, _without_overlap(run, mesh.time, size))
+    return without_crossing(run, mesh, times, size, _allowed(run))
 
 
 def _strain(mesh: Mesh) -> float:
@@ -65,7 +67,7 @@ def _without_overlap(run: Run, time: float, size: float) -> float:
     """
     if run.contact is None:
         return np.inf
-    overlap = OVERLAP if contact_window(run) is None else ZOOMED
+    overlap = _allowed(run)
     times = run.contact["time"]
     rows = select(run.contact, times == times[np.abs(times - time).argmin()])
     towards, closed = rows["u_n"] > 0, rows["status"] != "open"
@@ -73,6 +75,11 @@ def _without_overlap(run: Run, time: float, size: float) -> float:
     limit = np.maximum(room / rows["u_n"][towards], 1.0).min(initial=np.inf)
     gap = np.abs(rows["gap"][closed]).max(initial=0)
     return float(min(limit, 1 + overlap * size / gap if gap > 0 else np.inf))
+
+
+def _allowed(run: Run) -> float:
+    """How far bodies may run through each other at the contact, as a part of the size."""
+    return OVERLAP if contact_window(run) is None else ZOOMED
 
 
 def deformed(figure: Figure, run: Run) -> None:

@@ -1,6 +1,7 @@
 """Stresses, displacements and status along the contact boundaries."""
 
 import numpy as np
+from matplotlib.collections import PolyCollection
 from matplotlib.colors import ListedColormap, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
@@ -13,6 +14,9 @@ from .style import BLUE, INK, RED, STATUS, status_name
 
 
 FAINT = 0.01  # of the largest pressure: the least that an axis of stresses shows
+MEET = 1.01  # nodes that share an edge are no farther apart than so many times their segments
+LEAST = 0.02  # of an axis of arcs: closed zones in a picture of the status are at least as wide
+NOTHING = 1e-9  # of the largest stress in the bodies, below which those on the boundary are zero
 
 
 def pale(colour: str) -> tuple:
@@ -43,7 +47,7 @@ def breaks(rows: dict) -> np.ndarray:
     """
     length = rows["length"]
     away = np.maximum(np.diff(rows["arc"]), np.hypot(np.diff(rows["x"]), np.diff(rows["y"])))
-    return np.flatnonzero(away > 1.01 * (length[:-1] + length[1:])) + 1
+    return np.flatnonzero(away > MEET * (length[:-1] + length[1:])) + 1
 
 
 def zone_handles(run: Run, status: np.ndarray, tint) -> list:
@@ -64,7 +68,24 @@ def final_boundaries(run: Run) -> list:
     last = select(run.contact, run.contact["time"] == final_time(run))
     if not run.friction:
         last["status"] = np.where(last["status"] == "open", "open", "slip")
-    return contact_boundaries(last)
+    return [(label, in_one(rows)) for label, rows in contact_boundaries(last)]
+
+
+def in_one(rows: dict) -> dict:
+    """Rows of a boundary, sorted by step and arc, whose arc does not begin inside of it.
+
+    The arc of a closed outline begins at any of its nodes. What comes last and ends beside the
+    first node then stands before it, with negative arcs.
+    """
+    nodes = np.count_nonzero(rows["step"] == rows["step"][0])
+    one = {name: rows[name][:nodes] for name in ("arc", "length", "x", "y")}
+    away = np.hypot(one["x"][-1] - one["x"][0], one["y"][-1] - one["y"][0])
+    apart = breaks(one)
+    if not len(apart) or not 0 < away < MEET * (one["length"][0] + one["length"][-1]):
+        return rows
+    back = np.where(np.arange(nodes) >= apart[-1], one["arc"][-1] + away - one["arc"][0], 0.0)
+    rows = rows | {"arc": rows["arc"] - np.tile(back, len(rows["arc"]) // nodes)}
+    return select(rows, np.lexsort((rows["arc"], rows["step"])))
 
 
 def curve_style(nodes: int) -> dict:
@@ -76,13 +97,20 @@ def contact_scales(run: Run, shown: list, stresses: tuple, displacements: tuple)
     """Scales of arc, stress and displacement common to all panels of a figure."""
     def gather(names):
         return np.concatenate([rows[n] for _, rows in shown for n in names])
-    return (length_scale(run, gather(("arc",))), stress_scale(run, gather(stresses)),
+    return (length_scale(run, gather(("arc",))),
+            stress_scale(run, np.append(gather(stresses), least_stress(run))),
             length_scale(run, np.append(gather(displacements), visible(run))))
 
 
 def visible(run: Run) -> float:
     """Smallest displacement worth a scale, 1% of the body's largest: less would show rounding."""
     return 0.01 * run.history["max_displacement"].max()
+
+
+def least_stress(run: Run) -> float:
+    """Smallest stress worth a scale: less would show rounding."""
+    inside = run.last.von_mises.max() if run.last is not None else 0.0
+    return max(FAINT * np.abs(run.contact["sigma_n"]).max(), NOTHING * inside)
 
 
 def widen(axes, span: float) -> None:
@@ -112,7 +140,7 @@ def contact_panels(figure: Figure, run: Run, caption: str, panels: tuple) -> Non
                 mark_alone(axes, line)
             axes.axhline(0, color="0.45", lw=0.5, zorder=1)
             axes.locator_params(axis="y", nbins=6)
-        widen(above, FAINT * np.abs(run.contact["sigma_n"]).max() * stress.factor)
+        widen(above, least_stress(run) * stress.factor)
         widen(below, visible(run) * length.factor)
         below.set_xlabel(rf"arc length along $\Gamma_c$ [{arc.label}]")
     figure.align_ylabels()
@@ -203,9 +231,9 @@ def contact_tangential(figure: Figure, run: Run) -> None:
 
 def contact_status(figure: Figure, run: Run) -> None:
     """Open, stick and slip over arc and time; a step's cell covers the time since the last one."""
-    boundaries = contact_boundaries(run.contact)
-    shown = boundaries[:PANELS]
-    (arc, _, _), seen = contact_scales(run, shown, ("sigma_n",), ("u_n",)), []
+    boundaries = [(label, in_one(rows)) for label, rows in contact_boundaries(run.contact)]
+    shown, seen, widened = boundaries[:PANELS], [], False
+    arc = contact_scales(run, shown, ("sigma_n",), ("u_n",))[0]
     for (_, rows), (axes,) in zip(shown, panel_grid(figure, shown, 1, 8.5)):
         times, nodes = np.unique(rows["time"]), np.count_nonzero(rows["step"] == rows["step"][0])
         status = rows["status"]
@@ -213,13 +241,41 @@ def contact_status(figure: Figure, run: Run) -> None:
             status = np.where(status == "open", "open", "slip")
         codes = np.array([list(STATUS).index(s) for s in status]).reshape(len(times), nodes)
         one = {name: rows[name][:nodes] for name in ("arc", "length", "x", "y")}
-        for part in np.split(np.arange(nodes), breaks(one)):
-            ends = segment_ends(one["arc"][part], one["length"][part]) * arc.factor
+        parts = [(part, segment_ends(one["arc"][part], one["length"][part]) * arc.factor)
+                 for part in np.split(np.arange(nodes), breaks(one))]
+        limits = min(ends[0] for _, ends in parts), max(ends[-1] for _, ends in parts)
+        for part, ends in parts:
             axes.pcolormesh(ends, np.concatenate([[0.0], times]), codes[:, part], vmin=0, vmax=2,
                             cmap=ListedColormap(list(STATUS.values())),
                             rasterized=nodes * len(times) > 5000, linewidth=0.3,
                             edgecolors="white" if max(nodes, len(times)) <= 60 else "none")
+            widened |= _narrow_zones(axes, ends, times, codes[:, part], limits)
         axes.set(xlabel=rf"arc length along $\Gamma_c$ [{arc.label}]", ylabel="time $t$")
         seen.append(status)
+    note = ["narrow closed zones drawn wider"] * widened + [panels_note(boundaries)]
     run_header(figure, run, r"Contact status on $\Gamma_c$ over time",
-               zone_handles(run, np.concatenate(seen), str), panels_note(boundaries))
+               zone_handles(run, np.concatenate(seen), str), ", ".join(filter(None, note)))
+
+
+def _narrow_zones(axes, ends: np.ndarray, times: np.ndarray, codes: np.ndarray,
+                  limits: tuple) -> bool:
+    """Draw closed zones between open nodes LEAST wide that would be hairlines; whether there are.
+
+    `ends` (n + 1,) are those of the nodes' cells, `codes` (t, n) the places of their statuses.
+    """
+    wide, cells, colours = LEAST * (limits[1] - limits[0]), [], []
+    for below, above, row in zip([0.0, *times], times, codes):
+        closed = np.concatenate([[0], row > 0, [0]])
+        for first, last in np.flatnonzero(np.diff(closed)).reshape(-1, 2):
+            own = ends[first:last + 1]
+            if own[-1] - own[0] >= wide:
+                continue
+            middle = np.clip((own[0] + own[-1]) / 2, limits[0] + wide / 2, limits[1] - wide / 2)
+            own = middle + wide * ((own - own[0]) / (own[-1] - own[0]) - 0.5)
+            cells += [[(x, below), (y, below), (y, above), (x, above)]
+                      for x, y in zip(own, own[1:])]
+            colours += [list(STATUS.values())[code] for code in row[first:last]]
+    if cells:
+        axes.add_collection(PolyCollection(cells, facecolors=colours, linewidths=0,
+                                           antialiased=False, rasterized=len(cells) > 5000))
+    return bool(cells)

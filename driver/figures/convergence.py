@@ -16,6 +16,11 @@ KINDS = {"start": (INK, "D", 3.2), "cg": (BLUE, "o", 1.7), "expansion": (ORANGE,
          "proportioning": (GREEN, "s", 2.4)}
 
 
+def iterated(table: dict) -> bool:
+    """Whether the QP solver had iterations: starts at the solution, Newton's, say nothing of it."""
+    return bool(((table["kind"] != "start") & (table["residual"] > 0)).any())
+
+
 def thin_out(table: dict) -> tuple[dict, int]:
     """All start rows and every k-th of the others, about POINTS of them; and k."""
     every = max(1, math.ceil(len(table["product"]) / POINTS))

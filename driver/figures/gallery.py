@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from ..files import FIGURES
 from .body import contact_window, contact_zoom, deformed
 from .contact import contact_normal, contact_status, contact_tangential
-from .convergence import adaptivity, convergence
+from .convergence import adaptivity, convergence, iterated
 from .cycles import cycles
 from .geometry import geometry
 from .history import force_displacement, history, load_histories, loading, loops
@@ -32,7 +32,7 @@ def wanted(run: Run) -> dict:
         force_displacement: moving and bool(loops(run)),
         cycles: run.cycles is not None,
         history: touching and moving,
-        convergence: run.convergence is not None and (run.convergence["residual"] > 0).any(),
+        convergence: run.convergence is not None and iterated(run.convergence),
         adaptivity: (run.adaptivity is not None and run.first is not None
                      and np.isfinite(run.adaptivity["relative"]).all()),
     }

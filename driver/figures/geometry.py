@@ -6,6 +6,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from scipy.spatial import cKDTree
 
 from .labels import label_numbers
 from .layout import map_axes, run_header, shrink_to_body
@@ -227,11 +228,26 @@ def _weight(axes, run: Run, xy: np.ndarray, size: float) -> list:
     if not len(pulled):
         return []
     arrows = 0.1 * size * force[pulled] / length[pulled, None]
-    middles = np.array([xy[run.first.triangles[run.first.body == bodies[k]]].mean(axis=(0, 1))
+    rim = xy[run.first.rim()[0]].mean(axis=1)
+    middles = np.array([_place_inside(xy[run.first.triangles[run.first.body == bodies[k]]], rim)
                         for k in pulled])
     _quiver(axes, middles - arrows / 2, arrows, GREY)
     return [Line2D([], [], color=GREY, marker=r"$\downarrow$", ls="none", ms=7,
                    label="body force")]
+
+
+def _place_inside(corners: np.ndarray, rim: np.ndarray) -> np.ndarray:
+    """The middle of a body of triangles (m, 3, 2), or its place farthest from any `rim` (e, 2) if
+    that is in a hole or beside the body.
+    """
+    middle = corners.mean(axis=(0, 1))
+    around = np.roll(corners, -1, axis=1) - corners
+    off = middle - corners
+    side = around[..., 0] * off[..., 1] - around[..., 1] * off[..., 0]
+    if ((side >= 0).all(axis=1) | (side <= 0).all(axis=1)).any():
+        return middle
+    centres = corners.mean(axis=1)
+    return centres[cKDTree(rim).query(centres)[0].argmax()]
 
 
 def _note(run: Run, boundary: dict, traction: np.ndarray) -> str:

@@ -10,6 +10,7 @@ from .scales import energy_scale, force_scale, length_scale
 from .style import BLUE, GREEN, INCH, INK, ORANGE, RED
 
 FAINT = 0.15  # a force less than this part of the other has a panel of its own
+NOTHING = 1e-9  # part of the largest force, or of its work, that is rounding
 MANY = 80  # steps, from which on their markers run together
 HEADROOM = 1.1  # height of a panel over its largest value
 WORDS = {"shift_x": "shift in $x$", "shift_y": "shift in $y$", "angle": "angle",
@@ -72,14 +73,16 @@ def history(figure: Figure, run: Run) -> None:
     """Contact forces, length in contact, work of friction; iterations of the fixed point, if there
     were some, small.
 
-    Pressing forces are positive. A tangential force that is small beside them has its own panel.
+    Pressing forces are positive. A tangential force that is small beside them has its own panel,
+    unless it is rounding: that is drawn as zero.
     """
     table = run.history
     forces = [("pressing force", RED, "o", -table["resultant_n"])]
     if run.friction:
         forces.append(("tangential force", BLUE, "s", table["resultant_t"]))
-    largest = [np.abs(values).max() for *_, values in forces]
-    together = [forces] if min(largest) > FAINT * max(largest) else [[force] for force in forces]
+    largest = np.array([np.abs(values).max() for *_, values in forces])
+    share = largest.min() / (largest.max() or 1.0)
+    together = [[force] for force in forces] if NOTHING < share <= FAINT else [forces]
     heights = [3 if len(together) == 1 else 2.5] * len(together) + [2] * (1 + run.friction)
     iterations = int(table["fixed_point_iterations"].sum()) if run.fixed_point else 0
     heights += [0.8] * (iterations > 0)
@@ -90,7 +93,9 @@ def history(figure: Figure, run: Run) -> None:
         handles += _forces(next(rest), run, table["time"], group)
     _over_time(next(rest), table, "contact_length", length_scale, run, "length in\ncontact")
     if run.friction:
-        _over_time(next(rest), table, "dissipated", energy_scale, run, "work of\nfriction")
+        rounding = NOTHING * largest.max() * table["max_displacement"].max()
+        _over_time(next(rest), table, "dissipated", energy_scale, run, "work of\nfriction",
+                   rounding)
     if iterations:
         _iterations(next(rest), table)
     for axes in panels:
@@ -124,14 +129,17 @@ def _iterations(axes, table: dict) -> None:
     axes.yaxis.set_major_locator(MaxNLocator(2, integer=True))
 
 
-def _over_time(axes, table: dict, column: str, scale_of, run: Run, name: str) -> None:
-    """A column of history.csv in a panel of its own."""
-    scale = scale_of(run, table[column])
-    axes.plot(table["time"], table[column] * scale.factor, color=INK,
-              **markers(len(table["time"])))
+def _over_time(axes, table: dict, column: str, scale_of, run: Run, name: str,
+               rounding: float = 0.0) -> None:
+    """A column of history.csv in a panel of its own; zero where all of it is `rounding`."""
+    values = table[column]
+    if np.abs(values).max() <= rounding:
+        values = 0 * values
+    scale = scale_of(run, values)
+    axes.plot(table["time"], values * scale.factor, color=INK, **markers(len(table["time"])))
     axes.set_ylabel(f"{name}\n[{scale.label}]")
     axes.yaxis.set_major_locator(MaxNLocator(4))
-    axes.set_ylim(0, HEADROOM * scale.factor * table[column].max() or None)
+    axes.set_ylim(0, HEADROOM * scale.factor * values.max() or None)
 
 
 def markers(points: int, marker: str = "o") -> dict:

@@ -10,7 +10,8 @@ from .reading import Run
 from .scales import length_scale
 from .style import INCH, header, place_header
 
-PANELS = 4  # contact boundaries that fit in one figure
+PANELS = 6  # contact boundaries that fit in one figure
+NAMED = 5  # of those that do not, so many are named
 NAMES = 0.5  # inches that the name of an upright axis takes
 FLAT = 0.4  # inches; numbers of the axis of a body as flat stand on each other
 LAYOUTS, ENOUGH = 5, 0.02  # layouts until a body is as wide as it can be, to this part
@@ -88,7 +89,9 @@ def panel_grid(figure: Figure, boundaries: list, stacked: int, height: float) ->
 
 
 def panels_note(boundaries: list) -> str:
-    """How many contact boundaries are shown, if not all."""
-    if len(boundaries) <= PANELS:
+    """Which contact boundaries are not shown, if any, and where they are found."""
+    names = [str(name) for name, _ in boundaries[PANELS:]]
+    if not names:
         return ""
-    return f"{PANELS} of {len(boundaries)} contact boundaries shown"
+    more = f" and {len(names) - NAMED} more" * (len(names) > NAMED)
+    return f"not shown: label {', '.join(names[:NAMED])}{more} (see contact.csv)"

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from matplotlib.collections import LineCollection
 
-from .outline import right_of, sample
+from .outline import chains, right_of, sample, shifted
 from .reading import Run, select
 from .style import INK
 
@@ -13,6 +13,7 @@ FAR = 0.35  # of the body's size; obstacles farther away are not drawn
 BACK = -0.5  # cosine of the turn of normals from node to node that is no corner
 NEAR = 0.1  # of the body's size: what is drawn of an obstacle beyond the picture
 FLAT = 1e-9  # 1 - cosine between normals of a flat obstacle
+WHOLE = 0.5  # of the body's size: obstacles up to which are drawn with what is farther away
 REACH = 0.2  # of a picture's width: half of what is drawn of a plane
 ROUND = 4  # marks of a curved obstacle are those of a body at most so many times as large
 STRAIGHT = 1.2  # length of an obstacle over its extent up to which its marks do not meet
@@ -68,7 +69,7 @@ def draw_obstacles(axes, run: Run, time: float, size: float, factor: float, box:
     """The rigid obstacles of a run at a time, if any; see `draw_obstacle`.
 
     Of one that contact follows what lies near the `box` (2, 2), its lower and upper ends in the
-    picture.
+    picture, with the rest of curves that are small beside the body.
     """
     if run.obstacle is None:
         if (rows := rigid_rows(run, time)) is not None:
@@ -79,14 +80,24 @@ def draw_obstacles(axes, run: Run, time: float, size: float, factor: float, box:
     sides = select(table, table["step"] == min(step, table["step"].max()))
     start, end = (factor * np.column_stack([sides[x], sides[y]])
                   for x, y in (("x0", "y0"), ("x1", "y1")))
-    out = right_of(start, end)
+    start, end = shifted(start, end, away)
+    for part in _shown(start, end, size, box):
+        here = start[part], end[part]
+        axes.add_collection(LineCollection(np.stack(here, axis=1), colors=INK, linewidths=0.8))
+        hatch(axes, *here, right_of(*here), marks_size(*here, size), INK)
+
+
+def _shown(start: np.ndarray, end: np.ndarray, size: float, box: np.ndarray) -> list[np.ndarray]:
+    """Edges of every connected curve that are drawn: all of a small one, else those near the box.
+    """
     low, high = box[0] - NEAR * size, box[1] + NEAR * size
     near = np.any([((low < ends) & (ends < high)).all(axis=1) for ends in (start, end)], axis=0)
-    if not near.any():
-        return
-    start, end, out = (start + away * out)[near], (end + away * out)[near], out[near]
-    axes.add_collection(LineCollection(np.stack([start, end], axis=1), colors=INK, linewidths=0.8))
-    hatch(axes, start, end, out, marks_size(start, end, size), INK)
+    found = []
+    for chain in map(np.array, chains(start, end)):
+        extent = np.ptp(np.concatenate([start[chain], end[chain]]), axis=0).max()
+        if near[chain].any():
+            found.append(chain if extent < WHOLE * size else chain[near[chain]])
+    return found
 
 
 def draw_planes(axes, rows: dict, places: np.ndarray, width: float, factor: float) -> None:
@@ -111,6 +122,15 @@ def _facing(nodes: np.ndarray, normal: np.ndarray) -> list[np.ndarray]:
     return [run for run in np.split(nodes, np.flatnonzero(back) + 1) if len(run)]
 
 
+def surfaces(run: Run, time: float, size: float, times: float) -> list[tuple]:
+    """Pieces of the rigid obstacles as contact.csv tells them, in the run's own unit of length.
+
+    They are starts, ends and normals (e, 2) away from the body, as far as `draw_obstacle` goes.
+    """
+    rows = None if run.obstacle is not None else rigid_rows(run, time)
+    return [] if rows is None else list(_surfaces(rows, size, 1.0, 0.0, times))
+
+
 def draw_obstacle(axes, rows: dict, size: float, factor: float, away: float = 0.0,
                   times: float = 0.0) -> None:
     """The surface of the rigid obstacles, hatched, `away` outside of where it is.
@@ -118,6 +138,14 @@ def draw_obstacle(axes, rows: dict, size: float, factor: float, away: float = 0.
     `rows` are those of `rigid_rows`, `size` and `away` lengths of the picture. A flat one goes on
     as far as the body slides in a picture that magnifies displacements `times`.
     """
+    for start, end, out in _surfaces(rows, size, factor, away, times):
+        axes.add_collection(LineCollection(np.stack([start, end], axis=1), colors=INK,
+                                           linewidths=0.8))
+        hatch(axes, start, end, out, marks_size(start, end, size), INK)
+
+
+def _surfaces(rows: dict, size: float, factor: float, away: float, times: float):
+    """Starts, ends and normals of the pieces that `draw_obstacle` draws."""
     normal = np.column_stack([rows["normal_x"], rows["normal_y"]])
     gap = rows["gap"] * factor
     surface = np.column_stack([rows["x"], rows["y"]]) * factor + (gap + away)[:, None] * normal
@@ -138,6 +166,4 @@ def draw_obstacle(axes, rows: dict, size: float, factor: float, away: float = 0.
         middle = (normal[near][:-1] + normal[near][1:]) / 2 if len(near) > 1 else normal[near]
         middle = middle if len(middle) == len(start) else middle[:1]
         out = np.where((out * middle).sum(axis=1, keepdims=True) < 0, -out, out)
-        axes.add_collection(LineCollection(np.stack([start, end], axis=1), colors=INK,
-                                           linewidths=0.8))
-        hatch(axes, start, end, out, marks_size(start, end, size), INK)
+        yield start, end, out

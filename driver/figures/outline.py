@@ -13,6 +13,18 @@ def right_of(start: np.ndarray, end: np.ndarray) -> np.ndarray:
                                                                          keepdims=True)
 
 
+def shifted(start: np.ndarray, end: np.ndarray, away: float) -> tuple[np.ndarray, np.ndarray]:
+    """Directed edges moved by `away` to their right; those that follow one another still meet."""
+    out = right_of(start, end)
+    first, last = out.copy(), out.copy()
+    for chain in map(np.array, chains(start, end)):
+        closed = np.allclose(start[chain[0]], end[chain[-1]], rtol=0, atol=1e-6 * np.ptp(start))
+        for one, other in zip(chain, np.append(chain[1:], chain[:closed])):
+            last[one] = first[other] = (out[one] + out[other]) / max(
+                np.linalg.norm(out[one] + out[other]), 1e-9)
+    return start + away * first, end + away * last
+
+
 def outward_edges(boundary: dict, mesh: Mesh):
     """Boundary edges as (start, end, outward normal), the body on their left."""
     start = np.column_stack([boundary["x0"], boundary["y0"]])

@@ -18,8 +18,8 @@ from PIL import Image, ImageColor
 
 from driver import figures
 from driver.errors import InputError
-from driver.figures import (animation, body, contact, convergence, history, labels, layout,
-                            obstacle, outline, redraw, scales, style, theory)
+from driver.figures import (animation, body, contact, convergence, crossing, history, labels,
+                            layout, obstacle, outline, reading, redraw, scales, style, theory)
 
 ALL = ["geometry", "loading", "deformed", "contact_normal", "contact_tangential", "contact_status",
        "history", "convergence"]
@@ -303,16 +303,18 @@ def test_nothing_overlaps_or_leaves_the_page(drawn, name):
     assert overlaps(figure) == []
 
 
-@pytest.mark.parametrize("labels", [2, 5])
-@pytest.mark.some(1)
-def test_several_contact_boundaries_have_a_panel_each(tmp_path, labels):
+@pytest.mark.parametrize("labels, missing", [
+    (2, ""), (6, ""), (7, "not shown: label 7 (see contact.csv)"),
+    (13, "not shown: label 7, 8, 9, 10, 11 and 2 more (see contact.csv)")])
+@pytest.mark.some(2)
+def test_several_contact_boundaries_have_a_panel_each(tmp_path, labels, missing):
     run = figures.read_run(make_run(tmp_path, steps=3, labels=labels, products=6))
     for name, stacked in (("contact_normal", 2), ("contact_tangential", 2), ("contact_status", 1)):
         figure = figures.compose(name, run)
-        assert len(figure.axes) == stacked * min(labels, 4)
+        assert len(figure.axes) == stacked * min(labels, 6)
         assert overlaps(figure) == [] and outside(figure) == []
         assert r"$\Gamma_c$, label 2" in words(figure)
-        assert ("4 of 5 contact boundaries shown" in words(figure)) == (labels == 5)
+        assert missing in words(figure) and ("not shown" in words(figure)) == bool(missing)
 
 
 def test_geometry_names_the_parts_and_draws_the_loads_to_scale(drawn):
@@ -531,6 +533,28 @@ def test_status_picture_has_a_cell_for_every_node_and_step(run, drawn):
     assert figure.axes[0].get_ylim() == (0, 1)
 
 
+def test_single_closed_nodes_are_seen(run):
+    """The last of 21 nodes, whose cell is a hundredth of the arc, is no hairline in either step and
+    not beyond the axes; one inside is wide enough.
+    """
+    table = {name: column[run.contact["step"] == 1] for name, column in run.contact.items()}
+    nodes = np.arange(len(table["arc"]))
+    table["status"] = np.select([nodes == nodes[-1], nodes == 7], ["stick", "slip"], "open")
+    for name in ("length", "weight"):
+        table[name] = np.where(nodes == nodes[-1], 0.005, table[name])
+    table["arc"] = np.where(nodes == nodes[-1], table["arc"][-2] + 0.01, table["arc"])
+    twice = {name: np.concatenate([column, column]) for name, column in table.items()}
+    twice |= {"step": np.repeat([1, 2], len(nodes)), "time": np.repeat([0.5, 1.0], len(nodes))}
+    figure = figures.compose("contact_status", dataclasses.replace(run, contact=twice))
+    axes = figure.axes[0]
+    _, drawn_wider = axes.collections
+    cells = [path.get_extents() for path in drawn_wider.get_paths()]
+    span, low, high = np.ptp(axes.get_xlim()), *axes.get_xlim()
+    assert len(cells) == 2 and all(cell.width > 0.01 * span for cell in cells)
+    assert all(low <= cell.x0 < cell.x1 <= high + 1e-9 for cell in cells)
+    assert "narrow closed zones drawn wider" in words(figure)
+
+
 def test_closed_nodes_without_friction_are_in_contact(tmp_path):
     run = figures.read_run(make_run(tmp_path, steps=2, friction="none", products=6))
     for name in ("contact_normal", "contact_status"):
@@ -561,7 +585,7 @@ def test_thinned_convergence_keeps_starts_and_counts_everything(tmp_path):
 def test_a_single_residual_has_an_axis(tmp_path):
     """Of its own decade and both beside it; Matplotlib would warn of one without extent."""
     run = figures.read_run(make_run(tmp_path))
-    run.convergence = {name: column[:1] for name, column in run.convergence.items()}
+    run.convergence = {name: column[1:2] for name, column in run.convergence.items()}
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         axes = figures.compose("convergence", run).axes[0]
@@ -597,6 +621,26 @@ def test_forces_of_unlike_size_have_panels_of_their_own(run):
     table["resultant_t"] = 0.5 * run.history["resultant_n"]
     together = figures.compose("history", dataclasses.replace(run, history=table))
     assert len(together.axes) == len(figure.axes) - 1
+
+
+def test_forces_and_work_that_are_rounding_are_zero(run):
+    """A tangential force of 1e-15 of the other, and its work: no panel that looks like a signal."""
+    noise = np.sin(7.0 * run.history["time"])
+    peak = np.abs(run.history["resultant_n"]).max()
+    table = {**run.history, "resultant_t": 1e-15 * peak * noise, "dissipated": 1e-17 * peak * noise}
+    pressing, _, work, _ = figures.compose("history", dataclasses.replace(run, history=table)).axes
+    both = [line.get_ydata() for line in pressing.lines[:2]]
+    assert np.abs(both[1]).max() < 1e-12 * np.abs(both[0]).max() and pressing.get_ylim()[1] > 1
+    assert not work.lines[0].get_ydata().any() and "10^" not in work.get_ylabel()
+
+
+def test_stresses_that_are_rounding_have_no_axis_of_their_own(run):
+    """Nodes that meet nothing, in a body under stress: zero within 1e-9 of that."""
+    table = {**run.contact, "sigma_n": -1e-17 * run.contact["arc"]}
+    figure = figures.compose("contact_normal", dataclasses.replace(run, contact=table))
+    low, high = figure.axes[0].get_ylim()
+    values = figure.axes[0].lines[0].get_ydata()
+    assert np.ptp(values) < 1e-9 * (high - low)
 
 
 @pytest.mark.parametrize("high", [1.0, 0.08, 0.015])
@@ -710,6 +754,26 @@ def test_labels_loads_and_weight_are_on_the_picture(tmp_path):
     assert len(arrows) == 4  # top, right side, the supported left side, weight
     down = arrows[-1]
     assert np.all(down.U == 0) and np.all(down.V < 0)
+
+
+def test_the_arrow_of_a_body_force_does_not_stand_in_a_hole(tmp_path):
+    """A block without its middle: the arrow is in what is left, farthest from all sides."""
+    run = figures.read_run(make_run(tmp_path, steps=1, products=6, subdomains=(1, 1), cells=20))
+    run.summary["loads"] = [{"effect": "body_force", "bodies": [[0.0, -1.0]]}]
+    mesh = run.first
+
+    def arrow() -> np.ndarray:
+        axes = figures.compose("geometry", run).axes[0]
+        own, = (part for part in axes.collections
+                if hasattr(part, "U") and np.allclose(part.get_facecolor()[0, :3], 0x77 / 255))
+        return np.array([own.X[0] + own.U[0] / 2, own.Y[0] + own.V[0] / 2])
+
+    assert arrow() == pytest.approx([1.0, 0.5])
+    off = np.abs(mesh.xy[mesh.triangles].mean(axis=1) - [1.0, 0.5])
+    left = (off > [0.5, 0.25]).any(axis=1)
+    for name in ("triangles", "body", "region"):
+        setattr(mesh, name, getattr(mesh, name)[left])
+    assert abs(arrow()[0] - 1.0) == pytest.approx(0.75, abs=0.1)
 
 
 @pytest.mark.parametrize("modulus, expected", [
@@ -838,11 +902,77 @@ def test_a_small_round_obstacle_has_small_marks():
     assert obstacle.marks_size(np.zeros((1, 2)), np.array([[1.0, 0.5]]), 100.0) == 100.0
 
 
+def two_bars(gap: float):
+    """A bar 10 x 1 below another one, whose right ends move by 1e-3 towards each other.
+    """
+    xy, triangles, _ = torn_block((1, 1), 20)
+    x, y = (xy * [5.0, 1.0]).T
+    both = np.concatenate([np.column_stack([x, y]), np.column_stack([x, y + 1 + gap])])
+    way = 1e-5 * np.concatenate([x**2, -x**2])
+    mesh = reading.Mesh(1.0, both, np.concatenate([triangles, triangles + len(xy)]),
+                        np.column_stack([0 * way, way]), 0 * way, None, None, None, 1)
+    rim = mesh.xy[mesh.rim()[0]].reshape(-1, 4)
+    boundary = dict(zip(("x0", "y0", "x1", "y1"), rim.T)) | {"role": np.full(len(rim), "free")}
+    return SimpleNamespace(boundary=boundary, contact=None, obstacle=None, last=mesh, scene="own",
+                           summary={"effects": {}})
+
+
+@pytest.mark.parametrize("gap, times", [(0.4, 200), (3.0, 1000)])
+def test_bodies_that_stay_apart_are_not_drawn_through_each_other(gap, times):
+    """No contact is declared: 200 times 1e-3 from both sides are the gap of 0.4."""
+    assert body.magnification(two_bars(gap)) == times
+
+
+def test_a_body_that_slides_in_a_valley_is_not_drawn_into_its_side(tmp_path):
+    """The obstacle y = 0.2 (x - 1)^2 under a body of its shape, whose nodes move along the tangents
+    there by 1e-3: 100 times that leaves the surface by 0.2 * 0.1^2, a thousandth of the size.
+    """
+    run = figures.read_run(make_run(tmp_path, steps=1, scene="own", products=6))
+    rows, mesh, b = run.contact, run.last, run.boundary
+    for x, y in ((rows["x"], rows["y"]), (b["x0"], b["y0"]), (b["x1"], b["y1"]), mesh.xy.T):
+        y += 0.2 * (x - 1) ** 2
+    slope = 0.4 * (rows["x"] - 1)
+    rows["normal_x"], rows["normal_y"] = np.array([slope, 0 * slope - 1]) / np.hypot(1, slope)
+    rows.update(gap=0 * slope, u_n=0 * slope, u_t=0 * slope + 1e-3)
+    mesh.displacement = 1e-3 * np.column_stack([1 + 0 * mesh.xy[:, 0], 0.4 * (mesh.xy[:, 0] - 1)])
+    assert crossing.without_crossing(run, mesh, 300.0, 2.0, 0.0) == 100
+    mesh.displacement[:] = [0.0, 1e-3]
+    assert crossing.without_crossing(run, mesh, 300.0, 2.0, 0.0) == 300
+
+
+def round_run(x: float) -> SimpleNamespace:
+    """A run whose body meets a circle of radius 1 about (x, 0) that contact follows."""
+    ends = circle(1, np.linspace(0, -2 * np.pi, 65)) + [x, 0.0]
+    table = dict(zip(("x0", "y0", "x1", "y1"), [*ends[:-1].T, *ends[1:].T]))
+    return SimpleNamespace(obstacle={"step": np.zeros(64), **table},
+                           history={"step": np.array([1]), "time": np.array([1.0])})
+
+
+@pytest.mark.parametrize("size, sides", [(10.0, 64), (1.5, 26)], ids=["small", "large"])
+def test_a_small_obstacle_is_drawn_whole_with_marks_apart(size, sides):
+    """A body up to x = 10 before a circle from 9.5 to 11.5: what is beyond the picture of a small
+    one is drawn as well. Drawn a little apart its sides still meet, and so marks are even.
+    """
+    axes = Figure().add_subplot()
+    obstacle.draw_obstacles(axes, round_run(10.5), 0.0, size, 1.0,
+                            np.array([[10 - size, -1.0], [10.0, 1.0]]), 0.016 * size)
+    lines, marks = (np.array(part.get_segments()) for part in axes.collections)
+    assert len(lines) == sides
+    np.testing.assert_allclose(np.linalg.norm(lines - [10.5, 0.0], axis=2), 1 - 0.016 * size,
+                               atol=3e-3)
+    np.testing.assert_allclose(lines[1:, 0], lines[:-1, 1], atol=1e-12)
+    between = np.linalg.norm(np.diff(marks[:, 0], axis=0), axis=1)
+    assert between.min() > 0.6 * np.linalg.norm(np.diff(marks, axis=1), axis=2).max()
+
+
 def test_a_run_without_iterations_has_no_picture_of_them(tmp_path):
     """Without multipliers one solution is all: an empty diagram would say nothing."""
     run = figures.read_run(make_run(tmp_path, steps=1, products=6))
     assert "convergence" in figures.wanted(run)
-    run.convergence["residual"] *= 0
+    iterations = run.convergence
+    run.convergence = {**iterations, "residual": 0 * iterations["residual"]}
+    assert "convergence" not in figures.wanted(run)
+    run.convergence = {**iterations, "kind": np.full(len(iterations["kind"]), "start")}
     assert "convergence" not in figures.wanted(run)
 
 
@@ -1021,3 +1151,21 @@ def test_parts_of_a_boundary_that_do_not_meet_are_apart():
             "length": np.array([0.5, 1, 0.5, 0.5, 1, 0.5, 0.5]),
             "x": np.array([0.0, 1, 2, 7, 8, 14, 15]), "y": np.zeros(7)}
     assert contact.breaks(rows).tolist() == [3, 5]
+
+
+def test_a_closed_outline_that_starts_inside_a_label_is_one_curve(run):
+    """A label on a quarter of a circle of 80 nodes, whose arc begins in the middle of it: what has
+    arcs near the whole length stands before the start, in every step.
+    """
+    arc, nodes = np.arange(80) * np.pi / 40, np.r_[0:11, 70:80]
+    ends = {"x": np.cos(arc[nodes]), "y": np.sin(arc[nodes]), "arc": arc[nodes],
+            "length": np.full(21, np.pi / 40), "weight": np.full(21, np.pi / 40)}
+    table = run.contact | {name: np.tile(values, 20) for name, values in ends.items()}
+    closed = dataclasses.replace(run, contact=table)
+    (_, rows), = contact.final_boundaries(closed)
+    assert len(contact.breaks(rows)) == 0
+    np.testing.assert_allclose(rows["arc"], (np.arange(21) - 10) * np.pi / 40, atol=2e-4)
+    assert np.all(np.diff(np.arctan2(rows["y"], rows["x"])) > 0)
+    assert len(figures.compose("contact_status", closed).axes[0].collections) == 1
+    half = {name: column[:15] for name, column in rows.items()}
+    assert np.array_equal(contact.in_one(half)["arc"], half["arc"])
