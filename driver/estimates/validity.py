@@ -129,7 +129,7 @@ class Validity:
         areas = np.zeros(self.structure.total)
         own, over = [], np.zeros((2, 2, self.structure.total))  # areas beyond the limits
         for sub, u in zip(self.structure.subdomains, fields):
-            strain, turn = _deformation(sub, u)
+            strain, turn = kinematics.strain_and_turn(sub, u)
             turn = turn + turned[travel.bodies.number[sub.index]]
             area = elements.areas(sub.xy[sub.triangles])
             areas[sub.index] = area.sum()
@@ -385,17 +385,6 @@ def _largest_bend(start: np.ndarray, end: np.ndarray) -> float:
     after = np.array([known.get(tuple(place), -1) for place in end])
     cosine = (chord[after >= 0] * chord[after[after >= 0]]).sum(axis=1)
     return float(np.arccos(np.clip(cosine[cosine > TURN], -1.0, 1.0)).max(initial=0.0))
-
-
-def _deformation(sub, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(n_t,) largest principal strain, by size, and rotation of the triangles' linear parts."""
-    gradient = elements.linear_gradients(sub.xy[sub.triangles], u.reshape(-1, 2)[sub.triangles])
-    e11, e22 = gradient[:, 0, 0], gradient[:, 1, 1]
-    shear = (gradient[:, 0, 1] + gradient[:, 1, 0]) / 2
-    strain = np.abs(e11 + e22) / 2 + np.hypot((e11 - e22) / 2, shear)
-    if sub.axisymmetric:
-        strain = np.maximum(strain, np.abs(kinematics.strains(sub, u)[:, 3]))
-    return strain, (gradient[:, 0, 1] - gradient[:, 1, 0]) / 2
 
 
 def assess(problem, contact, considered: list[tuple]) -> dict:

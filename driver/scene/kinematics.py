@@ -80,3 +80,14 @@ def von_mises(stress: np.ndarray) -> np.ndarray:
     """(...) von Mises stress of stresses s11, s22, s33, s12 (..., 4)."""
     xx, yy, zz, xy = np.moveaxis(stress, -1, 0)
     return np.sqrt(0.5 * ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2) + 3 * xy**2)
+
+
+def strain_and_turn(sub: Subdomain, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(n_t,) largest principal strain, by size, and rotation of the triangles' linear parts."""
+    gradient = elements.linear_gradients(sub.xy[sub.triangles], u.reshape(-1, 2)[sub.triangles])
+    e11, e22 = gradient[:, 0, 0], gradient[:, 1, 1]
+    shear = (gradient[:, 0, 1] + gradient[:, 1, 0]) / 2
+    strain = np.abs(e11 + e22) / 2 + np.hypot((e11 - e22) / 2, shear)
+    if sub.axisymmetric:
+        strain = np.maximum(strain, np.abs(strains(sub, u)[:, 3]))
+    return strain, (gradient[:, 0, 1] - gradient[:, 1, 0]) / 2
