@@ -36,7 +36,7 @@ def work(operator) -> dict[str, float]:
     rows = sum(len(c.members) * len(c.F) for c in operator.classes)
     corners = sum(len(c.members) * c.A.shape[1] for c in operator.classes)
     matrices = sum(8 * (c.F.size + 2 * c.A.size) for c in operator.classes)
-    coarse = operator.coarse.entries * 2 * (8 + 4)
+    coarse = operator.coarse.work * (8 + 4)
     return {"flops": float(flops),
             "bytes": float((rows + corners) * (6 * 8 + 2 * 4) + matrices + coarse)}
 
