@@ -78,8 +78,7 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
     if comm.rank == 0:
         products = sum(outcome.row["dual_multiplications"] for outcome in outcomes)
         parameters = {n: v for n, v in manifest.parameters.items() if n != request.study}
-        warnings = [f"{name}={value}: {line}" for value, outcome in zip(request.values, outcomes)
-                    for line in outcome.warnings]
+        warnings = _grouped(name, request.values, outcomes)
         summary = {"scene": request.scene, "study": request.study, "values": len(outcomes),
                    "converged": not failed, "reason": reason, "contact_rows": rows,
                    "condensed": condensed, "warnings": warnings,
@@ -314,6 +313,15 @@ def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndar
     return Outcome(status, reason, row, history, fields, warnings), first
 
 
+def _grouped(name: str, values: list, outcomes: list[Outcome]) -> list[str]:
+    """The warnings of all values of a parameter, each once, with the values that have it."""
+    having = {}
+    for value, outcome in zip(values, outcomes):
+        for line in outcome.warnings:
+            having.setdefault(line, []).append(str(value))
+    return [f"{name}={','.join(own)}: {line}" for line, own in having.items()]
+
+
 def _held(manifest, contact, law) -> list[str]:
     """A line if nodes may slide that supports hold, which rub in runs alone (contact_state.py)."""
     b = contact.declared
@@ -322,7 +330,7 @@ def _held(manifest, contact, law) -> list[str]:
     if not (moved and (alone & rubs).any()):
         return []
     return [f"{np.count_nonzero(alone & rubs)} contact nodes that supports hold along the boundary "
-            "have no friction in studies, as they have in runs"]
+            "rub in runs, but not in studies: forces, work and states here lack their friction"]
 
 
 def _cycles(solver) -> dict:
