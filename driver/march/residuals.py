@@ -29,8 +29,12 @@ class Residuals:
 
     def asked(self, name: str) -> float:
         """The largest residual of this name with which a step has converged."""
-        name = "friction_rtol" if name == "equilibrium" else "primal_rtol"
-        return getattr(self.qp.settings, name)
+        return getattr(self.qp.settings, self.option(name))
+
+    @staticmethod
+    def option(name: str) -> str:
+        """The option that limits the residual of this name."""
+        return "friction_rtol" if name == "equilibrium" else "primal_rtol"
 
     def enough(self, residuals: dict) -> bool:
         """Whether all residuals are as small as asked for."""

@@ -26,6 +26,7 @@ ROUNDED = 1e-14  # part of forces by which they change or stay unbalanced withou
 # part of the residuals asked for to which QPs go on where stiffness jumps by much: what stiff
 # material deforms by counts with triangles that are partly soft, its forces with few digits then
 FINER = 0.01
+ACCEPTABLE = 1e-4  # residuals up to which another tolerance is offered: contact forces to 4 digits
 NEARLY = 1e-3  # imbalance of bodies without support up to which exacter QPs may settle them
 
 
@@ -48,6 +49,7 @@ class Tightening:
         self.of_friction = self.of_qp
         self.motion, self.first = self.bodies.place(load), None
         self.best, self.answer = np.inf, None  # the worst residual over what was asked for, so far
+        self.nearest = np.inf, "", np.inf  # the least of these, its name, the residual
         # answers that will do, as `_kept`: one that a finer one is looked for beyond, and one that
         # what products round off admits
         self.enough = self.rounded = None
@@ -149,9 +151,8 @@ class Tightening:
             if residuals.enough(likely):
                 self.rounded = self._kept(x, gradient, moved, likely)
         self.best = min(self.best, worst)
-        stays = NotConverged(
-            f"{step_name(self.index)}: the {name} residual stays at {found[name]:.1e}, above the "
-            f"{residuals.asked(name):.0e} that was asked for")
+        self.nearest = min(self.nearest, (worst, name, found[name]))
+        stays = NotConverged(self._said(*self.nearest[1:]))
         if isinstance(self.stop, NoSolution) and excess.get("equilibrium", 0.0) <= 1:
             self.stop = stays  # none was found to more digits than were asked for
         if self.stop or idle:
@@ -160,6 +161,15 @@ class Tightening:
                 return state
         self._tighten(excess, worst, idle)
         return x, gradient, sliding
+
+    def _said(self, name: str, residual: float) -> str:
+        """That the step came no nearer than to a residual, and which tolerance accepts it."""
+        said = (f"{step_name(self.index)}: the {name} residual stays at {residual:.1e}, above the "
+                f"{self.residuals.asked(name):.0e} that was asked for")
+        if residual > ACCEPTABLE:
+            return said
+        option = self.residuals.option(name).upper()
+        return f"{said}; {option}={10.0 ** np.ceil(np.log10(residual)):.0e} accepts that"
 
     def _may_be_finer(self, worst: float, idle: bool) -> bool:
         """Whether QPs go on from an answer that will do."""

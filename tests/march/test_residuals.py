@@ -170,6 +170,20 @@ def test_a_residual_that_stays_ends_with_status_4(built, steps_of, monkeypatch):
     solver, steps = steps_of(built(loading="nonmonotone", cells=4, steps=5))
     assert solver.failure.exit_status == 4 and len(steps) == 1
     assert "gluing residual stays at 1.0e-03" in str(solver.failure)
+    assert "accepts" not in str(solver.failure)
+
+
+@pytest.mark.parametrize("name, option", [("gluing", "PRIMAL_RTOL"),
+                                          ("equilibrium", "FRICTION_RTOL")])
+def test_a_tolerance_that_accepts_what_was_come_to_is_offered(built, steps_of, monkeypatch, name,
+                                                              option):
+    """The nearest that the step came to, rounded up; before and after it they are worse."""
+    honest, left = of_steps.kkt_residuals, iter([2e-2, 3e-6, 4e-2] * 99)
+    monkeypatch.setattr(of_steps, "kkt_residuals",
+                        lambda *data: honest(*data) | {name: next(left)})
+    solver, _ = steps_of(built(loading="nonmonotone", cells=4, steps=5))
+    assert f"the {name} residual stays at 3.0e-06" in str(solver.failure)
+    assert f"{option}=1e-05 accepts that" in str(solver.failure)
 
 
 # settings that leave a tenth and less of what the defaults leave
