@@ -9,6 +9,7 @@ from mpi4py import MPI
 from driver.contact.states import OPEN, STICK, ContactField
 from driver.estimates import true_distance, validity
 from driver.estimates.validity import INVALID, QUESTIONABLE
+from drawn_block import DRAWN
 
 HEAD = '''include "scene.idp"
 units("mm", "MPa");
@@ -359,25 +360,6 @@ def test_a_wheel_that_rolls_away_is_judged(verdict, element):
     assert entry["normal_turn"] == pytest.approx(0.15, rel=0.1)
     resting, _, _ = verdict(WHEEL, steps=4, element=element, pull=0.0)
     assert resting["verdict"] == "ok" and resting["normal_turn"] < 0.01
-
-
-DRAWN = '''include "scene.idp"
-quasistatic(1.);
-real way = physical("way", 6.);
-int[int] below = [1, 2, 3, 4], above = [5, 6, 7, 8];
-addBody(square(20, 5, [40. * x, 10. * y], label=below))
-addBody(square(11, 5, [10. + 20. * x, 10. + 10. * y], label=above))
-macro young() 1e5 //
-macro poisson() 0.3 //
-macro support() on(1, u1 = 0., u2 = 0.) //
-macro load1() pressure(7, 50.) //
-macro amplitude1(t) min(1., 2.*t) //
-macro displacement2() on(8, u1 = way) //
-macro amplitude2(t) max(0., 2.*t - 1.) //
-macro contactPair() 5, 3 //
-macro friction() 0.3 //
-include "export.idp"
-'''
 
 
 @pytest.mark.parametrize("way, expected", [(1.0, "ok"), (6.0, "questionable"), (22.0, "invalid")])
