@@ -69,7 +69,7 @@ class FixedPoint:
                 reduction = self._reduction(trace)
             try:
                 result, change = self._approximate(index, trace, load.d, start, bound, reduction,
-                                                   coupled, gradient)
+                                                   coupled, gradient, self.shortcut.patience(trace))
             except Unfinished as failure:
                 if free:
                     break  # bodies that nothing balances have run away
@@ -77,6 +77,10 @@ class FixedPoint:
                                       sliding, trace, rtol, failure)
             x, gradient = result.x, result.gradient
             sliding = rows.sliding(x, bound)
+            if result.status == "stopped":
+                if found := self.shortcut.solution(index, load, x, trace, rtol):
+                    return found
+                continue
             if not (coupled or free):
                 self.shortcut.learn(x, self.operator.products - products)
                 return x, gradient, sliding
@@ -171,12 +175,17 @@ class FixedPoint:
             gradient = relaxation.moved(x, solved, gradient)
         return best
 
-    def _approximate(self, index, trace, d, x, bound, reduction, coupled=True, gradient=None):
-        """Result of the QP with friction bounds `bound` from x, change of pressures and bounds."""
+    def _approximate(self, index, trace, d, x, bound, reduction, coupled=True, gradient=None,
+                     gives_up=None):
+        """Result of the QP with friction bounds `bound` from x, change of pressures and bounds.
+
+        `gives_up` as FrictionQP.solve takes it.
+        """
         limits = self.rows.limits_at(len(x), bound)
         inside = clipped(x, *limits)
         x, gradient = self.qp.placed(inside, d, x, gradient)
-        result = self.qp.solve(index, trace.iterations, d, limits, x, reduction, gradient)
+        result = self.qp.solve(index, trace.iterations, d, limits, x, reduction, gradient,
+                               gives_up)
         if not coupled:
             return result, 0.0
         self.slip.renew_coefficient(result.gradient)

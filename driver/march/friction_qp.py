@@ -165,9 +165,10 @@ class FrictionQP:
                      preconditioner=self.accelerators.preconditioner, gradient0=gradient,
                      dot=op.dot, minimum=op.minimum, scale=self.scale)
 
-    def solve(self, index, iteration, d, limits, x, reduction, gradient=None):
+    def solve(self, index, iteration, d, limits, x, reduction, gradient=None, gives_up=None):
         """MPRGP from x until the residual has fallen by the factor `reduction` or is `tol`.
 
+        `gives_up` (products) -> whether to leave it at that; then the Result's status is "stopped".
         `index` and `iteration` go to the log. Raises Unfinished where MPRGP does not converge.
         """
         op, settings, history = self.operator, self.settings, self.history
@@ -175,11 +176,12 @@ class FrictionQP:
             gradient = op.apply(x) - d
         residual = self.size(projected_gradient(x, gradient, *limits))
         tol = max(self.tol, reduction * residual)
-        offset, relax = op.products, None
+        offset, before, relax = op.products, op.products, None
 
         def monitor(kind, products, residual):
             relative = residual / (self.scales.d or 1.0)
             history.log.append((offset + products, index, iteration, kind, relative))
+            return gives_up is not None and gives_up(op.products - before)
 
         if residual <= self.tol:
             monitor("start", 0, residual)
@@ -205,7 +207,7 @@ class FrictionQP:
             # steps on contact rows may be all rounding where stiffness jumps within subdomains
             offset = op.products
             result = attempt(result.x, op.apply(result.x) - d, None)
-        if result.status != "converged":
+        if result.status not in ("converged", "stopped"):
             kind = NoSolution if result.status == "indefinite operator" else NotConverged
             error = kind(f"{step_name(index)}: MPRGP ended with '{result.status}': {result.reason}")
             raise Unfinished(error, result.x, result.gradient,

@@ -114,6 +114,34 @@ class Shortcut:
         to_come = spent / taken * np.log(target / changes[-1]) / np.log(rate)
         return to_come > LEAST and self.possible and to_come > self._price(x)
 
+    def patience(self, trace: Trace):
+        """Callable (products) -> whether a QP that has taken so many, and what the contact rows'
+        relaxation has taken since this call, is to be left for elimination; None if none is.
+
+        So it is once it has cost as much as all of the elimination would: the whole then costs at
+        most twice the least (R. Karp, On-line algorithms versus off-line algorithms, 1992).
+        """
+        if trace.shortcut is not None:
+            return None
+        counts = self.qp.history.counts
+        before = counts["contact_block_products"]
+
+        def gives_up(products: int) -> bool:
+            own = counts["contact_block_products"] - before
+            return max(products, own) > LEAST and self._outlasts(products, own)
+
+        return gives_up
+
+    def _outlasts(self, products: int, own: int) -> bool:
+        """Whether products with F and `own` ones of the contact rows take longer than elimination.
+        """
+        if not self.possible:
+            return False
+        elimination, total = self.condensation.elimination, self.condensation.total
+        spent = products + elimination.products(own * total**2)
+        return spent > max(LEAST, elimination.products(FACTORIZATIONS * total**3 / 3)
+                           + (0.0 if self.condensation.eliminated else elimination.price))
+
     def learn(self, x: np.ndarray, spent: int) -> None:
         """Steps to come begin with elimination if the one QP of this took more, `spent` products.
 

@@ -45,7 +45,8 @@ ARC = (1.0, 1 / 4, 1 / 16)  # parts of a CG step tried on its projected arc (exp
 class Result:
     """Feasible point x (n,) and gradient A x - b there, local parts, and how mprgp ended.
 
-    status               "converged" | "iteration limit" | "stagnated" | "indefinite operator"
+    status               "converged" | "iteration limit" | "stagnated" | "indefinite operator" |
+                         "stopped" (by the monitor)
     reason               one line saying why it stopped
     products             calls of A, all of them counted
     norm_bound           the bound of ||A|| used last (raised if the given one was too small)
@@ -372,10 +373,12 @@ class _Mprgp:
             while True:
                 self.evaluate()
                 self.refresh()
-                if self.monitor is not None:
-                    self.monitor(kind, self.products, self.residual)
+                stop = self.monitor is not None and self.monitor(kind, self.products,
+                                                                 self.residual)
                 if self.is_converged():
                     return "converged", "projected gradient within tolerance"
+                if stop:
+                    return "stopped", "the monitor asked for it"
                 self.refuse_stagnation()
                 kind = self.step()
                 self.counts[kind] += 1
@@ -443,7 +446,7 @@ def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_fact
                     gives them; by default one after the other
     minimum         callable: the smallest of the ranks' numbers
     monitor         callable (kind, products, residual) after every step, kind in {"start", "cg",
-                    "expansion", "proportioning"}
+                    "expansion", "proportioning"}; what it returns, if true, ends the iteration
     expansion       "gradient": half a CG step, then the fixed gradient projection step; "cg": the
                     CG step, or a part of it, projected where that lowers f enough, else as
                     "gradient"

@@ -224,6 +224,58 @@ def test_another_problem_has_a_rate_of_its_own():
     assert np.isnan(trace.contraction) and trace.shortcut
 
 
+LEFT = shortcut.LEAST  # products after which a QP may be left
+
+# a strip a hundred times as long as it is thick, on a floor: pressures of many waves bend it
+STRIP = """include "scene.idp"
+units("mm", "MPa");
+rectangle(0., 100., 0., 1.);
+subdomains("20x1");
+macro young() 5e3 //
+macro poisson() 0.3 //
+macro load1() pressure(3, 0.3) //
+macro displacement1() on(2, u1 = 0.5) //
+macro contact() 1 //
+macro friction() 0.2 //
+include "export.idp"
+"""
+
+
+def test_one_endless_qp_is_left_for_elimination(solved, named_scene):
+    """Of pieces that are alike, where elimination does not come first. The first QP alone would
+    take 325 products, and what follows 1,800.
+    """
+    strip = solved(named_scene("strip", STRIP), cells=2)
+    assert LEFT < products(strip) < 2 * LEFT
+    assert strip.summary["counts"]["condensed_steps"] == 1
+    # all of it slides: 30 N/mm press, a fifth of it is friction
+    carried = (forces(strip) * strip.contact["weight"][-1]).sum(axis=1)
+    assert np.allclose(carried, [-30, -6], rtol=1e-7, atol=0)
+
+
+@pytest.mark.parametrize("products, own, price, leaves", [
+    (LEFT, 0, 1.0, False), (LEFT + 1, 0, 1.0, True), (LEFT + 1, 0, 200.0, False),
+    (LEFT + 1, 100, 200.0, True), (1, LEFT + 1, 1.0, True)])
+def test_what_a_qp_may_take_is_the_price_of_elimination(decided, monkeypatch, products, own, price,
+                                                        leaves):
+    """With what the relaxation of contact rows takes beside it: a product of these for one with F
+    here.
+    """
+    way = decided.way
+    elimination = SimpleNamespace(
+        price=price, products=lambda operations: operations / way.condensation.total**2)
+    monkeypatch.setattr(way.condensation, "elimination", elimination)
+    monkeypatch.setattr(way.condensation, "eliminated", False)
+    monkeypatch.setattr(shortcut, "FACTORIZATIONS", 0)
+    monkeypatch.setattr(Shortcut, "possible", True)
+    gives_up = way.patience(Trace())
+    way.qp.history.counts["contact_block_products"] += own
+    assert gives_up(products) == leaves
+    way.qp.history.counts["contact_block_products"] -= own
+    monkeypatch.setattr(Shortcut, "possible", False)
+    assert not gives_up(products) and way.patience(Trace(shortcut=False)) is None
+
+
 def test_the_price_counts_free_rows(built, steps_of):
     """Pressing nodes and, of friction below its bound, tangential rows: cubes of their number."""
     solver, (step, *_) = steps_of(built("tutorial", **DRAGGED_PROBLEM))

@@ -266,6 +266,16 @@ def test_units_do_not_matter(base):
             assert np.allclose(found.x / s, plain.x, rtol=1e-9, atol=1e-11)
 
 
+def test_the_monitor_may_end_it():
+    """At a feasible point with its own gradient, whatever step it is."""
+    A, b, lower, upper = problem(0)
+    r = mprgp(Operator(A), b, lower, upper, tol=1e-12, norm_bound=np.linalg.norm(A, 2) * 1.01,
+              monitor=lambda kind, products, residual: products >= 3)
+    assert r.status == "stopped" and 3 <= r.products <= 5
+    assert ((lower <= r.x) & (r.x <= upper)).all()
+    assert np.allclose(r.gradient, A @ r.x - b, rtol=0, atol=1e-12 * np.abs(b).max())
+
+
 def test_products_are_one_per_step_and_two_per_expansion():
     for seed in range(40):
         A, b, lower, upper = problem(seed)
