@@ -5,6 +5,7 @@ A rule is a function of a folder that holds `driver/`, so that it is tried on br
 """
 
 import ast
+import functools
 import graphlib
 import re
 import subprocess
@@ -43,12 +44,18 @@ def modules(root: Path) -> dict[str, Path]:
     return named
 
 
+@functools.cache
+def tree(path: Path) -> ast.Module:
+    """Of the module at `path`, parsed once for all rules."""
+    return ast.parse(path.read_text())
+
+
 def imports(name: str, path: Path) -> set[str]:
     """Dotted names that a module imports, wherever it does; what may be an attribute has its dot.
     """
     package = name.split(".") if path.name == "__init__.py" else name.split(".")[:-1]
     asked = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(tree(path)):
         if isinstance(node, ast.Import):
             asked |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -103,7 +110,7 @@ def missing_strings(root: Path) -> list[str]:
     """
     known = modules(root)
     return [f"{name}: {node.value}" for name, path in known.items()
-            for node in ast.walk(ast.parse(path.read_text()))
+            for node in ast.walk(tree(path))
             if isinstance(node, ast.Constant) and isinstance(node.value, str)
             and re.fullmatch(r"driver(\.\w+)+", node.value) and node.value not in known]
 
@@ -113,7 +120,7 @@ def long_modules(root: Path) -> list[str]:
     found = []
     for path in modules(root).values():
         text = path.read_text()
-        top = " ".join((ast.get_docstring(ast.parse(text)) or "").split())
+        top = " ".join((ast.get_docstring(tree(path)) or "").split())
         if len(text.splitlines()) > LONGEST and not re.search(rf"(^|[.:] ){REASON} \w", top):
             found.append(str(path.relative_to(root)))
     return found
@@ -140,7 +147,7 @@ def undocumented(root: Path) -> list[str]:
 
     for name, path in modules(root).items():
         if path.read_text().strip():
-            visit(name, ast.parse(path.read_text()))
+            visit(name, tree(path))
     return found
 
 

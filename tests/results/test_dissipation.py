@@ -136,6 +136,7 @@ include "export.idp"
     ("macro support() on(4, u1 = 0.) //\nmacro displacement1() on(3, u2 = -0.6)", 0.0),
     ("macro support() on(4, u1 = 0., u2 = 0.) //\nmacro load1() traction(3, 30., -40.)", 0.5)],
     ids=["falls", "is moved", "bends"])
+@pytest.mark.some(1)
 def test_a_static_step_onto_an_obstacle_does_the_work_of_its_history(solved, tmp_path, loads, left):
     """As much as twenty steps of loads in proportion, but for what the step says it leaves open:
     nothing where the way to the obstacle does not lead along it.

@@ -428,9 +428,8 @@ def test_fixed_point_that_does_not_contract_is_stopped(built, steps_of, monkeypa
     assert len(steps) == 1 and steps[0].fixed_point_iterations < 200
 
 
-# slow: those that lie between others of the same verdict
-@pytest.mark.parametrize("friction", [1, *(pytest.param(friction, marks=pytest.mark.slow)
-                                           for friction in (2, 5, 30)), 300])
+@pytest.mark.parametrize("friction", [1, 2, 5, 30, 300])
+@pytest.mark.some(1)
 def test_large_friction_is_solved(solved, friction):
     """A step has a solution for any coefficient, perhaps several: one is found, and that is said.
     """

@@ -82,6 +82,7 @@ def energy_error(problem, steps_of):
     return np.sqrt(total[0] / total[1])
 
 
+@pytest.mark.slow  # test_quadratic.py has the rate of the second order by default
 def test_energy_error_is_of_first_order(built, steps_of):
     """Hild, Renard (2012): h^1 in the energy norm for linear elements where u is in H^2, contact
     and friction included.
