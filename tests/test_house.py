@@ -45,7 +45,7 @@ def modules(root: Path) -> dict[str, Path]:
 
 
 @functools.cache
-def tree(path: Path) -> ast.Module:
+def parsed(path: Path) -> ast.Module:
     """Of the module at `path`, parsed once for all rules."""
     return ast.parse(path.read_text())
 
@@ -55,7 +55,7 @@ def imports(name: str, path: Path) -> set[str]:
     """
     package = name.split(".") if path.name == "__init__.py" else name.split(".")[:-1]
     asked = set()
-    for node in ast.walk(tree(path)):
+    for node in ast.walk(parsed(path)):
         if isinstance(node, ast.Import):
             asked |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -110,7 +110,7 @@ def missing_strings(root: Path) -> list[str]:
     """
     known = modules(root)
     return [f"{name}: {node.value}" for name, path in known.items()
-            for node in ast.walk(tree(path))
+            for node in ast.walk(parsed(path))
             if isinstance(node, ast.Constant) and isinstance(node.value, str)
             and re.fullmatch(r"driver(\.\w+)+", node.value) and node.value not in known]
 
@@ -120,7 +120,7 @@ def long_modules(root: Path) -> list[str]:
     found = []
     for path in modules(root).values():
         text = path.read_text()
-        top = " ".join((ast.get_docstring(tree(path)) or "").split())
+        top = " ".join((ast.get_docstring(parsed(path)) or "").split())
         if len(text.splitlines()) > LONGEST and not re.search(rf"(^|[.:] ){REASON} \w", top):
             found.append(str(path.relative_to(root)))
     return found
@@ -147,7 +147,7 @@ def undocumented(root: Path) -> list[str]:
 
     for name, path in modules(root).items():
         if path.read_text().strip():
-            visit(name, tree(path))
+            visit(name, parsed(path))
     return found
 
 
