@@ -50,6 +50,7 @@ def parsed(path: Path) -> ast.Module:
     return ast.parse(path.read_text())
 
 
+@functools.cache
 def imports(name: str, path: Path) -> set[str]:
     """Dotted names that a module imports, wherever it does; what may be an attribute has its dot.
     """
