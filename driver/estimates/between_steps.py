@@ -32,13 +32,10 @@ def departures(manifest, stride: int = 1) -> list[Departure]:
     """Of the histories that depart noticeably from every `stride`-th step, counted from the last.
     """
     found = []
-    for number, history in manifest.between.items():
-        fine, steps = np.array(history), manifest.steps
-        per_step = (len(fine) - 1) // steps
-        times = np.linspace(0.0, manifest.t_end, len(fine))
+    for number, times, fine, per_step in _histories(manifest):
         away, largest = _away(times, fine, per_step * stride), np.abs(fine).max()
         k = int(away.argmax())
-        if largest > 0 and away[k] > NOTICEABLE * largest:
+        if away[k] > NOTICEABLE * largest:
             follows = next((n for n in range(2, per_step) if per_step % n == 0 and _away(
                 times, fine, per_step // n).max() <= away[k] / 2), 0)
             found.append(Departure(number, float(away[k] / largest), k // per_step + 1,
@@ -100,13 +97,17 @@ def finer(manifest, least: int, most: int) -> int:
 
 def _missed(manifest, parts: int) -> float:
     """The largest departure, relative to its largest value, of a history from steps cut so."""
-    largest = 0.0
-    for history in manifest.between.values():
+    return max((_away(times, fine, max(per_step // parts, 1)).max() / np.abs(fine).max()
+                for _, times, fine, per_step in _histories(manifest)), default=0.0)
+
+
+def _histories(manifest):
+    """Number, times, values and samples a step of every load's history but those that are zero."""
+    for number, history in manifest.between.items():
         fine = np.array(history)
-        every = max((len(fine) - 1) // manifest.steps // parts, 1)
-        away = _away(np.linspace(0.0, manifest.t_end, len(fine)), fine, every).max(initial=0.0)
-        largest = max(largest, away / (np.abs(fine).max(initial=0.0) or 1.0))
-    return largest
+        if fine.any():
+            yield (number, np.linspace(0.0, manifest.t_end, len(fine)), fine,
+                   (len(fine) - 1) // manifest.steps)
 
 
 def _away(times: np.ndarray, fine: np.ndarray, every: int) -> np.ndarray:
