@@ -103,7 +103,7 @@ def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None 
             psi = sum(dual[e, k, b] * phi for b, phi in enumerate(own))
             part = share * (stop - start) * ds * psi
             if first.radius is not None:
-                shape = _primal(own, k, (whole | first.begins_on_axis)[e])
+                shape = _primal(own, k, whole[e])
                 np.add.at(length, row, share * (stop - start) * ds * shape)
                 part = part * first.ring(e, xi)
             np.add.at(weight, row, part)

@@ -182,7 +182,9 @@ class Effect:
         """Allocate what is carried; a solver has effects of its own."""
 
     def carried(self) -> dict[str, np.ndarray]:
-        """Arrays (n_c,) by name, each rank's own nodes valid; checkpoints keep them."""
+        """Arrays (n_c,) by name, each rank's own nodes valid; checkpoints keep them.
+
+        Numbers may grow from cycle to cycle."""
         return {}
 
     def step_ends(self, nodes: np.ndarray, slip: np.ndarray, force: np.ndarray) -> None:

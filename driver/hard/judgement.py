@@ -148,7 +148,8 @@ class Problem:
         gaps, ways = self.body.distances(), self.body.ways()
         u_t = self._before(outcome, step) + ways[min(step, len(ways)) - 1]
         gap = gaps[min(step, len(gaps) - 1)]
-        return refusals.no_state(self.body, self.manifest, weights, u_t, slipped, gap)
+        return refusals.no_state(self.body, self.manifest, weights, u_t, slipped, gap,
+                                 self._counts(outcome, step))
 
     def _went_apart(self, outcomes: list[Outcome], step: int) -> str:
         """Why runs may be in different states before `step`, empty if they are not or may not."""
@@ -161,11 +162,19 @@ class Problem:
         return self.not_unique(before) if apart >= APART else ""
 
     def _slipped(self, outcome: Outcome, step: int) -> np.ndarray:
-        """(n_c,) sum of |slip| before a step, as the run reports it."""
+        """(n_c,) sum of |slip| in contact before a step, as the run reports it."""
         if step < 2:
             return np.zeros(len(self.body.gid))
-        slip = laws.Reported.of(self.body, outcome.contact).slip
-        return np.abs(slip[: step - 1]).sum(axis=0)
+        reported = laws.Reported.of(self.body, outcome.contact)
+        ways = laws.ways_in_contact(reported.slip, laws.pressed(self.body, reported.sigma_n))
+        return ways[: step - 1].sum(axis=0)
+
+    def _counts(self, outcome: Outcome, step: int) -> np.ndarray:
+        """(n_c,) part of a node's slip in a step that slip laws count, if it presses after it."""
+        before = np.zeros((0, len(self.body.gid)))
+        if step > 1:
+            before = laws.Reported.of(self.body, outcome.contact).sigma_n[: step - 1]
+        return 0.5 + 0.5 * laws.pressed(self.body, before)[-1]
 
     def _before(self, outcome: Outcome, step: int) -> np.ndarray:
         """(n_c,) tangential displacements before a step, as the run reports them."""

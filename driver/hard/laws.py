@@ -66,6 +66,22 @@ def same_nodes(body: Assembled, contact: dict) -> np.ndarray:
     return order
 
 
+def pressed(body: Assembled, sigma_n: np.ndarray) -> np.ndarray:
+    """(steps + 1, n_c) whether nodes press at time 0, where all do that have no gap, and at ends of
+    steps with tractions `sigma_n` (steps, n_c).
+    """
+    extent = np.ptp(body.xy, axis=0).max()
+    return np.vstack([body.distances()[0] <= 1e-9 * extent, sigma_n != 0])
+
+
+def ways_in_contact(slip: np.ndarray, presses: np.ndarray) -> np.ndarray:
+    """(steps, n_c) what slip laws count of the `slip` (steps, n_c): the part under pressure.
+
+    Half of a step at one end of which a node does not press, see `pressed`.
+    """
+    return np.abs(slip) * (presses[1:] * 0.5 + presses[:-1] * 0.5)
+
+
 def bounds(body: Assembled, manifest, reported: Reported, start: np.ndarray) -> np.ndarray:
     """(steps, n_c) largest shear tractions under the reported pressures and displacements.
 
@@ -81,7 +97,8 @@ def bounds(body: Assembled, manifest, reported: Reported, start: np.ndarray) -> 
         u_t = reported.u_t
         ways = body.ways()
         slip = np.diff(np.vstack([start, u_t]), axis=0) - ways
-        slip, u_t = np.cumsum(np.abs(slip), axis=0), u_t - np.cumsum(ways, axis=0)
+        slip = np.cumsum(ways_in_contact(slip, pressed(body, reported.sigma_n)), axis=0)
+        u_t = u_t - np.cumsum(ways, axis=0)
         table = np.linspace(0.0, law["range"], len(law["values"]))
         factor = np.interp(slip if law["argument"] == "slip" else np.abs(u_t), table,
                            law["values"])

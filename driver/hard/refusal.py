@@ -85,15 +85,17 @@ def largest_friction(body: Assembled, manifest, slipped: np.ndarray | None = Non
 
 
 def no_state(body: Assembled, manifest, weights: np.ndarray, u_t: np.ndarray,
-             slipped: np.ndarray | None = None, gap: np.ndarray | None = None) -> tuple[bool, str]:
+             slipped: np.ndarray | None = None, gap: np.ndarray | None = None,
+             counts: np.ndarray | float = 1.0) -> tuple[bool, str]:
     """Whether the step is shown to have no solution, and by which argument, or why not.
 
     `weights` (patterns,) of the step's loads, `u_t` (n_c,) tangential displacements of nodes that
     do not slide in it, `slipped` (n_c,) the way of nodes until then, `gap` (n_c,) if it is not
-    that of the start. Where friction needs no pressure, any inside its bound is admitted at
-    corners: more than there is, so that "no solution" is certain.
+    that of the start, `counts` (n_c,) the part of slip in the step that a slip law counts. Where
+    friction needs no pressure, any inside its bound is admitted at corners: more than there is, so
+    that "no solution" is certain.
     """
-    states = _in_units(body, manifest, weights, u_t, slipped, gap)
+    states = _in_units(body, manifest, weights, u_t, slipped, gap, counts)
     share, limited = unbalanced_by_friction(states)
     if share > SLACK:
         return True, f"bounds of friction: {share:.1e} of the forces stay unbalanced"
@@ -110,11 +112,11 @@ def no_state(body: Assembled, manifest, weights: np.ndarray, u_t: np.ndarray,
     return True, "search of states: no states of the nodes solve it"
 
 
-def _slip_limits(body: Assembled, manifest, before, unit, ways) -> SlipLimits | None:
+def _slip_limits(body: Assembled, manifest, before, unit, ways, counts) -> SlipLimits | None:
     """The slip law of a step, None if there is none.
 
     `before` (2, n_c): sum of slip and displacement where nothing slides in the step; `unit` (n_c,)
-    of coefficients and `ways` (n_c,) of slip.
+    of coefficients and `ways` (n_c,) of slip, of which an accumulated one `counts` (n_c,).
     """
     law = manifest.rooms.get("slip_law")
     if not law:
@@ -122,10 +124,11 @@ def _slip_limits(body: Assembled, manifest, before, unit, ways) -> SlipLimits | 
     travelled = law["argument"] == "slip"
     own = laws.rubbing(body) * body.columns.get("friction", np.zeros(len(body.gid)))
     return SlipLimits(np.linspace(0.0, law["range"], len(law["values"])), np.array(law["values"]),
-                      own * unit, ways, before[0] if travelled else before[1], travelled)
+                      own * unit, ways * counts if travelled else ways,
+                      before[0] if travelled else before[1], travelled)
 
 
-def _in_units(body: Assembled, manifest, weights, u_t, slipped, gap) -> States:
+def _in_units(body: Assembled, manifest, weights, u_t, slipped, gap, counts) -> States:
     """The step in which loads make forces and ways of order one; every row in its own stiffness.
 
     Stiff nodes: large forces, small ways, by the root of their compliance over the largest.
@@ -150,5 +153,5 @@ def _in_units(body: Assembled, manifest, weights, u_t, slipped, gap) -> States:
         (u_t - loaded[count:]) * u_s / near, least * u_n / u_s, most * u_n / u_s,
         offset / force / u_s, turned.T, body.motions.T @ (weights @ body.loads) / force / size,
         laws.pulling(body, manifest), laws.resting(body),
-        law=_slip_limits(body, manifest, before, u_n / u_s, near / u_s),
+        law=_slip_limits(body, manifest, before, u_n / u_s, near / u_s, counts),
         slips=np.array([[-np.inf], [np.inf]]) * np.ones(count))

@@ -244,7 +244,8 @@ class Cycles:
         nodes, slip = solver.rows.tangential_node, solver.slip
         return {MOVED: slip.u_t, "elastic": slip.elastic.copy(), "weights": slip.weights.copy(),
                 "motion": solver.motion.copy(), "placed": solver.bodies.placed.copy(),
-                **{name: values[nodes].copy() for name, values in solver.effects.carried().items()}}
+                **{name: values[nodes].copy() for name, values in solver.effects.carried().items()
+                   if values.dtype != bool}}
 
 
 def _largest(solver):

@@ -69,7 +69,8 @@ class ContactState:
         self._held = np.zeros(len(self.boundary.gid))  # friction of nodes held along the boundary
         # tangential displacement relative to what is met, and the way slid, for laws of such nodes
         self._relative = solver.initial[: len(self.boundary.gid)]
-        self._slid = np.zeros(len(self.boundary.gid))
+        self._slip_law = solver.effects.rooms.get("slip_law")
+        self._way = self._slip_law and self._slip_law.of_others(self.boundary)
         # depth so far, where the scene declares wear
         self.worn = np.zeros(len(self.boundary.gid)) if "wear" in solver.effects else None
         self._time = 0.0
@@ -155,7 +156,7 @@ class ContactState:
             self._weights = self.solver.initial_weights
             self._elastic = self.solver.initial[: len(b.gid)] - self._carried_t(self._weights)
         if self.solver.cycles is not None and step.index == self.solver.cycles.begin + 1:
-            self._begun = {MOVED: self._elastic, WORN: self.worn, SLID: self._slid}
+            self._begun = self._handed_on()
         if follows:  # along the tangents of now
             self._elastic = (self._jump(self._before) * b.tangent).sum(axis=1)
         slip = elastic - self._elastic + self._carried_t(weights - self._weights)
@@ -180,22 +181,29 @@ class ContactState:
 
     def _bound(self, force: np.ndarray, slip: np.ndarray) -> np.ndarray:
         """(n_c,) friction bounds of nodes without a row, after a step with this slip (n_c,)."""
-        bound, effects = self.law.friction_bound(force), self.solver.effects
-        if not effects.coefficient_changes:
+        bound = self.law.friction_bound(force)
+        if self._slip_law is None:
             return bound
-        self._relative, self._slid = self._relative + slip, self._slid + np.abs(slip)
-        return bound * effects.coefficient_factor(np.arange(len(slip)), self._relative,
-                                                  self._relative - self._slid)
+        self._relative = self._relative + slip
+        self._way.add(np.arange(len(slip)), slip, force)
+        return bound * self._slip_law.factor_at(self._relative, self._way.slid)
+
+    def _handed_on(self) -> dict[str, np.ndarray]:
+        """What a cycle hands on to the next, None what is not there."""
+        return {MOVED: self._elastic, WORN: self.worn,
+                SLID: None if self._way is None else self._way.slid.copy()}
 
     def _cycle_ends(self, step: Step) -> None:
         """A cycle ends; what grows in those that are jumped over after it has grown."""
-        now = {MOVED: self._elastic, WORN: self.worn, SLID: self._slid}
+        now = self._handed_on()
         # of nodes without a row the march does not see whether they slide
         for name in {*step.grown, SLID} if step.skips else ():
-            if name in now and name in self._begun:
+            if now.get(name) is not None and name in self._begun:
                 now[name] = now[name] + step.skips * (now[name] - self._begun[name])
         self._begun, self._elastic = now, now[MOVED]
-        self.worn, self._slid = now[WORN], now[SLID]
+        self.worn = now[WORN]
+        if self._way is not None:
+            self._way.slid = now[SLID]
 
     def _wear(self, slip: np.ndarray, force: np.ndarray) -> np.ndarray:
         """(n_c,) worn depth at the end of a step with slips and normal forces (n_c,)."""

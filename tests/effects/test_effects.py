@@ -86,7 +86,8 @@ def test_a_way_is_as_long_there_and_back(argument, factor):
     """A factor 1 - s/10: after 1 there, 3 back and 2 there again s is 6 by the way, 0 by place."""
     room = slip_law.Room("slip_law", SimpleNamespace(patterns=[], rooms={"slip_law": {
         "argument": argument, "range": 10.0, "values": [1.0, 0.5, 0.0]}}))
-    room.prepare(SimpleNamespace(gid=np.arange(2)))
+    room.prepare(SimpleNamespace(gid=np.arange(2), xy=np.zeros((2, 2)),
+                                 at=lambda time: SimpleNamespace(gap=np.zeros(2))))
     u = np.zeros(1)
     for slip in (1.0, -3.0, 2.0):
         before, u = u, u + slip

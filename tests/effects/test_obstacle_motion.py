@@ -448,3 +448,40 @@ macro obstacleX(t) (-0.6*max(0., t - 1.)) //
         np.testing.assert_allclose(one.contact[name], other.contact[name], atol=1e-6 * scale)
     least = np.abs(one.contact["sigma_t"][-1]).sum() / np.abs(one.contact["sigma_n"][-1]).sum()
     assert least < 0.25  # of a coefficient of 0.4 that has fallen
+
+
+# a floor passes under the block without touching it (t < 1), is pressed on (t < 2), and drags it
+PASSES = """include "scene.idp"
+real way = physical("way", 0.), slipRange = 1.;
+units("mm", "MPa");
+rectangle(0., 4., 0., 2.);
+subdomains("2x1");
+quasistatic(3.);
+macro stepTimes() [1., 2.] //
+macro young() 1e3 //
+macro poisson() 0.3 //
+macro displacement1() on(3, u1 = 0., u2 = -0.03) //
+macro amplitude1(t) max(0., min(1., t - 1.)) //
+macro contact() 1 //
+macro gap() 0.01 //
+macro obstacleX(t) (way*min(1., t) + 0.05*max(0., t - 2.)) //
+macro friction() 0.4 //
+macro slipFactor(s) (0.5 + 0.5*exp(-(s)/0.05)) //
+include "export.idp"
+"""
+
+
+def test_a_way_through_the_air_wears_no_friction_down(solved, named_scene):
+    """Friction falls with the slip in contact: after a passage of ten times the law's range without
+    touching nodes that stick have their first coefficient, and all that follows is the same.
+    """
+    passed, stood = (solved(named_scene("passes", PASSES), way=way, cells=4, steps=6, **TIGHT)
+                     for way in (0.5, 0.0))
+    c = passed.contact
+    pressed = (c["status"] == "stick") & (c["time"] <= 2) & (c["sigma_n"] < 0)
+    assert pressed.any() and (c["status"] == "slip").any()
+    # some have slid by a hundredth of the range before, as the floor came up
+    np.testing.assert_allclose(c["bound"][pressed], -0.4 * c["sigma_n"][pressed], rtol=0.02)
+    largest = np.abs(c["sigma_n"]).max()
+    for name in ("sigma_n", "sigma_t", "bound"):
+        np.testing.assert_allclose(c[name], stood.contact[name], rtol=0, atol=1e-7 * largest)

@@ -16,10 +16,13 @@ LAW = {"argument": "slip", "range": 2.0, "values": [1.0, 0.5, 0.25]}
 
 
 def law(**changes) -> slip_law.Room:
-    """The slip law of a scene with four contact nodes."""
+    """The slip law of a scene with four contact nodes, the last but one above what it meets."""
     manifest = SimpleNamespace(rooms={"slip_law": LAW | changes}, patterns=[])
     room = slip_law.Room("slip_law", manifest)
-    room.prepare(SimpleNamespace(gid=np.arange(4)))
+    level = SimpleNamespace(gid=np.arange(4), xy=np.column_stack([np.arange(4.0), np.zeros(4)]),
+                            gap=np.array([0.0, 1e-12, 0.1, 0.0]))
+    level.at = lambda time: level
+    room.prepare(level)
     return room
 
 
@@ -32,6 +35,22 @@ def test_slip_accumulates_whatever_its_direction():
     still, back = np.zeros(2), np.array([-1.0, 0.0])
     np.testing.assert_allclose(room.coefficient_factor(nodes, still, still), [0.5, 0.875])
     np.testing.assert_allclose(room.coefficient_factor(nodes, back, still), [0.25, 0.875])
+
+
+def test_only_slip_in_contact_accumulates():
+    """Half of a step in which a node touches or opens, nothing of those in which it is open."""
+    room, node = law(), np.array([2])
+    room.step_ends(node, np.array([4.0]), np.zeros(1))
+    assert room.carried()["accumulated_slip"][2] == 0.0
+    # the node would touch in the step at hand, whose half counts
+    np.testing.assert_allclose(room.coefficient_factor(node, np.ones(1), np.zeros(1)), [0.75])
+    room.step_ends(node, np.array([0.5]), np.ones(1))
+    room.step_ends(node, np.array([-0.25]), np.ones(1))
+    assert room.carried()["accumulated_slip"][2] == 0.5
+    room.step_ends(node, np.array([0.5]), np.zeros(1))
+    room.step_ends(node, np.array([0.5]), np.zeros(1))
+    assert room.carried()["accumulated_slip"][2] == 0.75
+    assert room.carried()["pressed"].tolist() == [True, True, False, True]
 
 
 def test_displacement_counts_from_the_origin():

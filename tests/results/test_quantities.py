@@ -192,6 +192,19 @@ def test_pressures_that_alternate_leave_their_peak_open(sign):
     assert touch.between_nodes(nodes, steps, 0)["peak_pressure"] == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize("curvature, error", [(0.0, 2.0), (0.2, 2.0), (0.2, 0.5), (0.2, 0.0)])
+def test_a_node_that_stands_out_alone_leaves_its_own_error_open(curvature, error):
+    """On a parabola with one pressure that is too high; without an error half of what the parabola
+    stands out.
+    """
+    x = np.arange(-3.0, 4.0)
+    pressure = 30 - curvature * x**2
+    pressure[3] += error
+    nodes, steps = line(x, x > -9, pressure, 0 * x)
+    left = max(error, (curvature + error) / 2)
+    assert touch.between_nodes(nodes, steps, 0)["peak_pressure"] == pytest.approx(left)
+
+
 def test_the_peak_of_bilateral_contact_is_where_it_pulls_or_presses_most():
     x = np.arange(6.0)
     nodes, steps = line(x, x >= 0, np.array([2.0, 1, 1, -5, -1, 0]), 0 * x)
