@@ -33,4 +33,4 @@ def beyond(package: str) -> dict[str, float]:
     found = parts(package)
     assert len(found) >= 8, "comments call hardly any constant of the package a part"
     return {name: value for name, value in found.items()
-            if not 0 < (-value if name == "mortar.FACING" else value) < 1}
+            if not 0 < (-value if name == "facing.FACING" else value) < 1}

@@ -35,12 +35,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..scene.elements import cross
-from .shared_labels import SeveralPlaces
+from .facing import SLIVER, facing_parts, project
 from .side import POINT, WEIGHT, Side
 
-FACING = -0.2  # cosine between the normals of facing edges, at most
-SLIVER = 1e-6  # parts of an edge shorter than this, relative to the edge, do not count
 ROUNDED = 16 * np.finfo(float).eps  # of coordinates: their own rounding, and of a few products
 
 
@@ -84,7 +81,7 @@ def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None 
     the meshes meet, instead of two that hardly differ.
     """
     normal = first.nodal_normals()
-    e, o, start, stop = _facing_parts(first, normal, second, able, reach)
+    e, o, start, stop = facing_parts(first, normal, second, able, reach)
     n, (dual, whole) = len(first.xy), _dual_basis(first, e, start, stop)
     heir = _heirs(first.edges, whole)
     rows = np.where(held[first.edges], heir, first.edges)
@@ -96,7 +93,7 @@ def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None 
     terms = []
     for point, share in zip(POINT, WEIGHT):
         xi = (start + stop) / 2 + (stop - start) / 2 * point
-        eta, distance, ds = _project(first, normal, second, e, o, xi)
+        eta, distance, ds = project(first, normal, second, e, o, xi)
         own, others = _shapes(first.edges.shape[1], xi), _shapes(second.edges.shape[1], eta)
         for k in range(first.edges.shape[1]):  # the multipliers of an edge
             row = rows[e, k]
@@ -143,7 +140,7 @@ def _at_corners(corner: np.ndarray, first: Side, normal: np.ndarray, second: Sid
         row = first.edges[e, end]
         for k in np.flatnonzero(there & corner[row] & whole[e] & ~corner[heir[e, end]]):
             xi = np.array([float(end)])
-            eta, distance, _ = _project(first, normal, second, e[[k]], o[[k]], xi)
+            eta, distance, _ = project(first, normal, second, e[[k]], o[[k]], xi)
             values = np.array([1.0, *(-shape[0] for shape in _shapes(second.edges.shape[1], eta))])
             nodes = np.array([row[k], *second.edges[o[k]]])
             sides = np.array([0] + [1] * (len(nodes) - 1))
@@ -157,11 +154,11 @@ def met_at_nodes(first: Side, second: Side, able: np.ndarray | None = None,
     Values of the shape functions of the second side's edge there; none of nodes that face nothing.
     """
     normal = first.nodal_normals()
-    e, o, start, stop = _facing_parts(first, normal, second, able, reach)
+    e, o, start, stop = facing_parts(first, normal, second, able, reach)
     found = [(np.empty(0, int), np.empty(0, int), np.empty(0))]
     for k, place in enumerate((0.0, 1.0, 0.5)[: first.edges.shape[1]]):
         here = (start - SLIVER <= place) & (place <= stop + SLIVER)
-        eta, *_ = _project(first, normal, second, e[here], o[here], np.full(here.sum(), place))
+        eta, *_ = project(first, normal, second, e[here], o[here], np.full(here.sum(), place))
         for corner, value in enumerate(_shapes(second.edges.shape[1], eta)):
             found.append((first.edges[e[here], k], second.edges[o[here], corner], value))
     return tuple(np.concatenate(column) for column in zip(*found))
@@ -236,124 +233,3 @@ def _merge(node, side, of, value, weight, used):
     # the dual basis leaves rounding at the neighbours
     keep = used[node] & (np.abs(total) > 1e-12 * weight[node])
     return node[keep], side[keep], of[keep], total[keep] / weight[node[keep]]
-
-
-@dataclass
-class Segments:
-    """Parts of the first side that each face one edge of the second; arrays of length m.
-
-    Part k goes from `at[k, 0]` to `at[k, 1]` (coordinates in [0, 1]) on edge `edge[k]` of the first
-    side, and so do the places `facing[k]` on edge `other[k]` of the second side that its ends are
-    projected to. Parts of an edge follow one another.
-    """
-
-    edge: np.ndarray
-    other: np.ndarray
-    at: np.ndarray
-    facing: np.ndarray
-
-
-def segments(first: Side, second: Side, able: np.ndarray | None = None) -> Segments:
-    """The parts that `couple` integrates over; ends that only rounding separates are merged."""
-    normal = first.nodal_normals()
-    e, o, start, stop = _facing_parts(first, normal, second, able)
-    near = 2 * SLIVER
-    follows = np.r_[False, (e[1:] == e[:-1]) & (np.abs(start[1:] - stop[:-1]) < near)]
-    start = np.where(start < near, 0.0, start)
-    stop = np.where(stop > 1.0 - near, 1.0, stop)
-    start[1:] = np.where(follows[1:], stop[:-1], start[1:])
-    facing = [_project(first, normal, second, e, o, xi)[0] for xi in (start, stop)]
-    return Segments(e, o, np.column_stack([start, stop]), np.column_stack(facing))
-
-
-def _facing_parts(first: Side, normal: np.ndarray, second: Side, able: np.ndarray | None,
-                  reach: float | None = None):
-    """Pairs of facing edges and the interval [start, stop] of the first edge that they share."""
-    facing = first.edge_normal @ second.edge_normal.T < FACING
-    e, o = np.nonzero(facing if able is None else facing & able)
-    ends = [_foot(first, normal, e, second.xy[second.edges[o, k]]) for k in (0, 1)]
-    start, stop = np.clip(np.minimum(*ends), 0.0, 1.0), np.clip(np.maximum(*ends), 0.0, 1.0)
-    keep = stop - start > SLIVER
-    e, o, start, stop = e[keep], o[keep], start[keep], stop[keep]
-    keep = _meets(first, normal, second, e, o, (start + stop) / 2)
-    e, o, start, stop = e[keep], o[keep], start[keep], stop[keep]
-    if reach is not None:
-        e, o, start, stop = _nearest_parts(first, normal, second, e, o, start, stop, reach)
-    covered = np.bincount(e, stop - start, minlength=len(first.edges))
-    if covered.max(initial=0.0) > 1.0 + 1e-6:
-        place = first.xy[first.edges[covered.argmax()]].mean(axis=0)
-        raise SeveralPlaces(
-            f"contact pair: the boundary near ({place[0]:g}, {place[1]:g}) faces several places of "
-            "the other side; label only the parts that can meet")
-    order = np.lexsort((start, e))
-    return e[order], o[order], start[order], stop[order]
-
-
-def _nearest_parts(first: Side, normal: np.ndarray, second: Side, e, o, start, stop,
-                   reach: float):
-    """The same without what is farther away than `reach`, and behind what is nearer."""
-    _, distance, _ = _project(first, normal, second, e, o, (start + stop) / 2)
-    near = np.abs(distance) <= reach
-    e, o, start, stop = e[near], o[near], start[near], stop[near]
-    order = np.lexsort((start, e))
-    e, o, start, stop = e[order], o[order], start[order], stop[order]
-    last = np.maximum.accumulate(stop + 2.0 * e) - 2.0 * e  # end of the parts so far of an edge
-    doubled = np.unique(e[1:][(e[1:] == e[:-1]) & (start[1:] < last[:-1] - SLIVER)])
-    plain = ~np.isin(e, doubled)
-    parts = [(e[plain], o[plain], start[plain], stop[plain])]
-    for edge in doubled:
-        here = np.flatnonzero(e == edge)
-        cuts = np.unique(np.concatenate([start[here], stop[here]]))
-        for low, high in zip(cuts[:-1], cuts[1:]):
-            over = here[(start[here] <= low) & (stop[here] >= high)]
-            if high - low <= SLIVER or not len(over):
-                continue
-            place = np.full(len(over), (low + high) / 2)
-            _, away, _ = _project(first, normal, second, e[over], o[over], place)
-            nearest = over[np.abs(away).argmin()]
-            parts.append(([edge], [o[nearest]], [low], [high]))
-    return tuple(np.concatenate(column) for column in zip(*parts))
-
-
-def _meets(first: Side, normal: np.ndarray, second: Side, e: np.ndarray, o: np.ndarray,
-           xi: np.ndarray) -> np.ndarray:
-    """Whether the normal from xi on edge e meets edge o.
-
-    Near the focus of the normals feet of the ends of o may lie on both sides of xi although o is
-    elsewhere.
-    """
-    a, b = first.edges[e, :2].T
-    x = first.xy[a] + xi[:, None] * (first.xy[b] - first.xy[a])
-    n = normal[a] + xi[:, None] * (normal[b] - normal[a])
-    c, d = second.xy[second.edges[o, 0]], second.xy[second.edges[o, 1]]
-    return np.abs(cross(x - c, n) / cross(d - c, n) - 0.5) < 0.5 + 1e-6
-
-
-def _foot(first: Side, normal: np.ndarray, e: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """Coordinate xi on edge e with `point` on its normal: (point - x(xi)) x n(xi) = 0."""
-    a, b = first.edges[e, :2].T
-    r, t = point - first.xy[a], first.xy[b] - first.xy[a]
-    n, change = normal[a], normal[b] - normal[a]
-    xi = cross(r, n) / cross(t, n)
-    for _ in range(8):  # Newton on the quadratic equation; straight boundaries need no step
-        value = cross(r - xi[:, None] * t, n + xi[:, None] * change)
-        slope = -cross(t, n + xi[:, None] * change) + cross(r - xi[:, None] * t, change)
-        step = np.divide(value, slope, out=np.zeros_like(value), where=slope != 0)
-        xi = xi - step
-    return np.where(np.isfinite(xi), xi, -1.0)
-
-
-def _project(first: Side, normal: np.ndarray, second: Side, e, o, xi):
-    """Coordinate eta on edge o, distance along the normal, and ds/dxi, seen from xi on edge e."""
-    a, b = first.edges[e, :2].T
-    t = first.xy[b] - first.xy[a]
-    x = first.xy[a] + xi[:, None] * t
-    n = normal[a] + xi[:, None] * (normal[b] - normal[a])
-    n = n / np.linalg.norm(n, axis=1)[:, None]
-    c, d = second.xy[second.edges[o, 0]], second.xy[second.edges[o, 1]]
-    eta = np.clip(cross(x - c, n) / cross(d - c, n), 0.0, 1.0)
-    distance = ((c + eta[:, None] * (d - c) - x) * n).sum(axis=1)
-    for side, edge, place, sign in ((first, e, xi, -1.0), (second, o, eta, 1.0)):
-        if side.bow is not None:
-            distance += sign * 4.0 * place * (1.0 - place) * (side.bow[edge] * n).sum(axis=1)
-    return eta, distance, first.length[e] * first.stretch(e, xi)

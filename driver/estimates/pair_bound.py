@@ -1,7 +1,7 @@
 """Stage 7, between two bodies: what a contact pair adds to the bound of the energy norm's error.
 
 The problem in the continuum. Each part of the first side that faces one edge of the second
-(mortar.segments; of the displaced sides, if contact is linearized about them) is mapped onto it
+(contact/facing.py; of the displaced sides, if contact is linearized about them) is mapped onto it
 affinely, x -> x*. The normal n(x) is linear between the averaged unit normals at the vertices, and
 so is the gap g between the contact nodes: as multipliers are dual, the mortar's gaps are those of
 this g; that polygons stand for curves is no part of the error. With the jump [v] = v(x) - v(x*),
@@ -40,6 +40,7 @@ from functools import cached_property
 import numpy as np
 
 from ..contact import mortar
+from ..contact.facing import segments
 from ..contact.side import POINT, Side, WEIGHT, before_flanks, split
 from .contact_tractions import continued, slid
 from .edge_mesh import Mesh
@@ -120,7 +121,7 @@ class PairBound:
         if len(self.first.twins):
             able = able & before_flanks(self.first.side, self.first.twins,
                                         self.second.side.edge_normal)
-        self.parts = mortar.segments(self.first.side, self.second.side, able)
+        self.parts = segments(self.first.side, self.second.side, able)
         self.normal = self.first.side.nodal_normals()
         self.tangent = _turned(self.normal)
         n, edges = len(self.first.vertex), self.first.side.edges

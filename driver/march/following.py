@@ -37,6 +37,7 @@ HEADWAY = 0.5  # part of the least that was missed before, below which they sett
 COMBINED = 15  # of them with Anderson acceleration, before ...
 SHARES = (0.5, 0.25)  # ... parts of the way to the next one are taken, so many times in turn:
 EACH = 20
+AFRESH = 0.1  # of what was missed: below it those before are of another place, and combined no more
 FINER = 0.01  # part of the tolerances of a step whose geometries do not settle
 COARSER = 100.0  # times the tolerances to which the first geometries of a step are solved at most
 AHEAD = 0.01  # or so many times what is missed yet
@@ -219,7 +220,8 @@ class _Nearing:
 
     def __init__(self):
         self.count, self.least, self.stalled = 0, np.inf, None
-        self.combined = Anderson(np.dot)
+        # those that are combined, and what was missed where they begin
+        self.combined, self.begun = None, np.inf
 
     def next(self, about: np.ndarray, u: np.ndarray, missed: float) -> np.ndarray:
         """Displacements (k, 2) after those `about` which the solution is `u` (k, 2).
@@ -228,11 +230,15 @@ class _Nearing:
         """
         self.count += 1
         if self.stalled is None and self.count >= PLAIN and missed > HEADWAY * self.least:
-            self.stalled = self.count
+            self.stalled, self.begun = self.count, self.least
+        if self.stalled is not None and missed < AFRESH * self.begun:
+            self.stalled, self.begun = self.count, missed
         self.least = min(self.least, missed)
         if self.stalled is None:
             return u
         since = self.count - self.stalled
+        if since == 0:
+            self.combined = Anderson(np.dot)
         if since < COMBINED:
             return self.combined.next(about.ravel(), u.ravel()).reshape(u.shape)
         share = SHARES[min((since - COMBINED) // EACH, len(SHARES) - 1)]

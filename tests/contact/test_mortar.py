@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from driver.contact import mortar
+from driver.contact import facing, mortar
 from driver.contact.side import Side
 from driver.errors import InputError
 from driver.scene import freefem
@@ -151,7 +151,7 @@ def test_conditions_at_corners_are_those_of_the_place(quadratic, end):
 def test_parts_that_face_one_another():
     """Cut at the vertices of either side, without what rounding leaves; places opposite them."""
     first, second = sides(below=[-0.5, 0.7 + 1e-9, 1.1, 4.0 - 1e-9])
-    found = mortar.segments(first, second)
+    found = facing.segments(first, second)
     x = ABOVE[found.edge][:, None] + found.at * np.diff(ABOVE)[found.edge][:, None]
     np.testing.assert_allclose(x, [[0, 0.7], [0.7, 1.1], [1.1, 1.5], [1.5, 3], [3, 4]], atol=1e-8)
     assert (found.at[[0, 1, 3, 4], 0] == 0).all() and (found.at[[0, 2, 3, 4], 1] == 1).all()
@@ -208,3 +208,43 @@ def test_labels_of_both_bodies(scene, read, tmp_path, top, words):
         return
     with pytest.raises(InputError, match=f"faces several places of the other side: {words}"):
         read(tmp_path / "export", reduce=False)
+
+
+def outline(corners) -> Side:
+    """The whole boundary of a polygon, counterclockwise."""
+    xy = np.array(corners, float)
+    at = np.arange(len(xy))
+    edges = np.column_stack([at, np.roll(at, -1)])
+    chord = xy[edges[:, 1]] - xy[edges[:, 0]]
+    normal = np.column_stack([chord[:, 1], -chord[:, 0]])
+    return Side(xy, edges, normal / np.linalg.norm(normal, axis=1)[:, None])
+
+
+@pytest.mark.parametrize("depth, faces", [(-2.0, True), (0.2, True), (1.9, False)])
+def test_the_back_of_a_thin_part_faces_nothing_through_it(depth, faces):
+    """A plate right of a square, or in it: its left side faces the square's right one. Its right
+    side would see the square's left one, far behind both. A plate that is in the square by more
+    than its thickness has passed it.
+    """
+    square = outline([(-1, -2), (1, -2), (1, 2), (-1, 2)])
+    left = 1.0 - depth
+    plate = outline([(left, -1), (left + 0.5, -1), (left + 0.5, 1), (left, 1)])
+    e, o, *_ = facing.facing_parts(plate, plate.edge_normal[plate.edges[:, 0]], square, None, 10.0)
+    found = [(int(a), int(b)) for a, b in zip(e, o)]
+    assert ((3, 1) in found) == faces
+    assert (1, 3) not in found
+
+
+def test_an_edge_is_met_from_outside():
+    """Normals of nodes turn round a corner: a place may look out of the other body where normals of
+    edges still face one another.
+    """
+    first, _ = sides()
+    turned = np.tile([0.95, -0.3], (len(first.xy), 1))
+    edge = np.array([[1.0, -1.0], [0.0, -0.5]])
+    for normal, seen in (([-0.5, 0.866], True), ([0.5, 0.866], False)):
+        wall = Side(edge, np.array([[0, 1]]), np.array([normal]))
+        assert first.edge_normal[0] @ normal < facing.FACING
+        one = facing._from_outside(first, turned, wall, np.zeros(1, int), np.zeros(1, int),
+                                   np.array([0.5]))
+        assert one.tolist() == [seen]

@@ -481,3 +481,46 @@ def test_a_node_held_along_the_boundary_hands_on_its_weight(solved, tmp_path, el
     assert follows["contact_length"] == pytest.approx(20.0, rel=1e-6)
     assert follows["peak_pressure"] == pytest.approx(stays["peak_pressure"], rel=0.02)
     assert follows["resultant_n"] == pytest.approx(stays["resultant_n"], rel=1e-3)
+
+
+# half of a clip, pushed over a hollow shaft by its back
+CLIP = """include "scene.idp"
+real F = physical("friction", 0.15);
+units("mm", "MPa");
+real h = meshSize(0.5), g = 50*pi/180, start = g - pi/2, inner = 4.6, outer = 6.1, tip = 0.75;
+border lip(s=0, pi) {
+  x = (inner + tip)*sin(g) - tip*(cos(s)*sin(g) + sin(s)*cos(g));
+  y = -(inner + tip)*cos(g) + tip*(cos(s)*cos(g) - sin(s)*sin(g)); label = 77; }
+border out(s=start, pi/2 - 0.2) { x = outer*cos(s); y = outer*sin(s); label = 40; }
+border grip(s=pi/2 - 0.2, pi/2) { x = outer*cos(s); y = outer*sin(s); label = 3; }
+border middle(s=outer, inner) { x = 0; y = s; label = 4; }
+border in(s=pi/2, start) { x = inner*cos(s); y = inner*sin(s); label = 40; }
+addBody(buildmesh(lip(5/h) + out(12/h) + grip(1.5/h) + middle(1.5/h) + in(10/h)))
+bodyMaterial("clip", 2400., 0.38);
+border a(s=0, 2*pi) { x = 5*cos(s); y = -10.2 + 5*sin(s); label = 500; }
+border b(s=0, 2*pi) { x = 3*cos(s); y = -10.2 + 3*sin(s); label = 501; }
+addBody(buildmesh(a(10*pi/h) + b(-6*pi/h)))
+bodyMaterial("shaft", 210e3, 0.3);
+quasistatic(1.);
+macro support() on(501, u1 = 0., u2 = 0.) + on(4, u1 = 0.) //
+macro displacement1() on(3, u1 = 0., u2 = -9.7) //
+macro amplitude1(t) t //
+macro contactPair() 77, 500 //
+macro largeSliding() 12. //
+macro friction() F //
+include "export.idp"
+"""
+
+
+@pytest.mark.slow  # a way of many steps
+def test_a_clip_snaps_over_a_shaft(solved, named_scene):
+    """Pushed until its lips are past the shaft's widest place, drawn on after it. The backs of the
+    lips see the far side of the shaft through the lips; contact passes from node to node.
+    """
+    run = solved(named_scene("clip", CLIP), steps=42)
+    assert run.status == 0, run.reason
+    table = read_table(run.directory / "boundaries.csv")
+    push = np.array(table["force_y"])
+    past = int(np.argmax(push))
+    assert push[past] > 1 and push[-1] < -0.1 and 15 < past < 30
+    assert np.abs(run.contact["sigma_n"]).max() < 100

@@ -18,7 +18,8 @@ from driver.march import cycle_verdict as cycles
 from driver.march import checkpoint, globalization
 from driver.march.closure import Closure
 from driver.march.cycle_verdict import MOVED, WORN, Past, judged
-from driver.march.following import COMBINED, EACH, PLAIN, SHARES, FollowingSolver, _Nearing
+from driver.march.following import (AFRESH, COMBINED, EACH, PLAIN, SHARES, FollowingSolver,
+                                    _Nearing)
 from driver.march.friction_qp import FrictionQP
 from driver.march.packing import Stack, pack, unpacked
 from driver.march.relaxation import ContactRelaxation
@@ -513,7 +514,13 @@ def test_geometries_that_go_to_and_fro_are_combined():
     for _ in range(PLAIN + 6):
         x = nearing.next(x, 1 - 2 * x, float(np.abs(1 - 3 * x).max()))
     np.testing.assert_allclose(x, 1 / 3, atol=1e-8)
-    assert nearing.stalled == PLAIN
+    assert PLAIN < nearing.stalled < nearing.count  # anew where a tenth was missed
+    # those of before the last places are combined no more
+    begun, nearing.begun = nearing.stalled, 1.0
+    nearing.next(x, 1 - 2 * x, 2 * AFRESH)
+    assert nearing.stalled == begun
+    nearing.next(x, 1 - 2 * x, 0.5 * AFRESH)
+    assert nearing.stalled == nearing.count and len(nearing.combined.points) == 1
     nearing.count = nearing.stalled + COMBINED - 1
     for share in [*[SHARES[0]] * EACH, *[SHARES[1]] * EACH, SHARES[1]]:
         np.testing.assert_allclose(nearing.next(0 * u, u, 1.0), share * u)
