@@ -112,7 +112,7 @@ class Shortcut:
             return False
         rate = min(max(rate, FASTEST), SLOWEST)
         to_come = spent / taken * np.log(target / changes[-1]) / np.log(rate)
-        return to_come > LEAST and self.possible and to_come > self._price(x)
+        return to_come > LEAST and self.possible and to_come > self._price(self._free(x))
 
     def patience(self, trace: Trace):
         """Callable (products) -> whether a QP that has taken so many, and what the contact rows'
@@ -137,31 +137,33 @@ class Shortcut:
         """
         if not self.possible:
             return False
-        elimination, total = self.condensation.elimination, self.condensation.total
-        spent = products + elimination.products(own * total**2)
-        return spent > max(LEAST, elimination.products(FACTORIZATIONS * total**3 / 3)
-                           + (0.0 if self.condensation.eliminated else elimination.price))
+        total = self.condensation.total
+        spent = products + self.condensation.elimination.products(own * total**2)
+        return spent > max(LEAST, self._price(total))
 
     def learn(self, x: np.ndarray, spent: int) -> None:
         """Steps to come begin with elimination if the one QP of this took more, `spent` products.
 
         It has friction bounds that are given, or none, and ended in x (owned,).
         """
-        if spent > LEAST and self.possible and spent > self._price(x):
+        if spent > LEAST and self.possible and spent > self._price(self._free(x)):
             self.condensation.eliminated = True
 
-    def _price(self, x: np.ndarray) -> float:
+    def _price(self, free: float) -> float:
         """Products in the time of the elimination, unless it is made, and of Newton's
-        factorizations near x.
+        factorizations with so many `free` rows.
         """
+        elimination = self.condensation.elimination
+        newton = elimination.products(FACTORIZATIONS * free**3 / 3)
+        return newton if self.condensation.eliminated else elimination.price + newton
+
+    def _free(self, x: np.ndarray) -> float:
+        """Rows that press, or stick, in x."""
         bound = self.rows.friction_bound(x)
         stick = np.zeros(len(x))
         stick[self.rows.normal[x[self.rows.normal] > 0]] = 1.0
         stick[self.rows.tangential[np.abs(x[self.rows.tangential]) < bound]] = 1.0
-        free = self.condensation.gather(stick).sum()
-        elimination = self.condensation.elimination
-        newton = elimination.products(FACTORIZATIONS * free**3 / 3)
-        return newton if self.condensation.eliminated else elimination.price + newton
+        return self.condensation.gather(stick).sum()
 
     def solution(self, index: int, load: Load, x: np.ndarray, trace: Trace,
                  rtol: float) -> tuple | None:
