@@ -146,6 +146,7 @@ def test_without_body_force_there_is_no_such_vector(exported, tmp_path):
     ((), {"meshio", "matplotlib", "driver.figures"}, {"fields", "fields.pvd", "figures"}),
     (("FIELDS=yes",), {"matplotlib", "driver.figures"}, {"figures"}),
 ])
+@pytest.mark.some(1)
 def test_what_is_off_is_neither_imported_nor_written(loaded, words, absent, files):
     modules, out = loaded("model-static", "ERRORS=yes", "QUIET=yes", *words)
     written = {path.name for path in out.iterdir()}
