@@ -568,6 +568,24 @@ def test_not_converged_is_said_in_every_title(tmp_path):
         assert figures.compose(name, run).texts[0].get_text().endswith("(not converged)")
 
 
+def test_long_titles_have_several_lines(run):
+    """What is said of doubts stays whole, and nothing leaves the page."""
+    doubts = {"converged": False, "validity": {"verdict": "questionable"}}
+    run = dataclasses.replace(run, summary=run.summary | doubts)
+
+    def draw(figure):
+        figure.add_subplot()
+        layout.run_header(figure, run, r"Deformed bodies at $t = 0.5 s$, displacements to scale",
+                          [], "boundaries 500 and 501 overlap: no contact is declared there; " * 3)
+
+    figure = style.canvas(draw, 10)
+    title, identity = (text.get_text().split("\n") for text in figure.texts)
+    assert title == [r"Deformed bodies at $t = 0.5 s$, displacements to scale (not converged)",
+                     "(questionable: see the warnings)"]
+    assert len(identity) > 1
+    assert not outside(figure) and not overlaps(figure)
+
+
 def test_thinned_convergence_keeps_starts_and_counts_everything(tmp_path):
     run = figures.read_run(make_run(tmp_path, steps=20, products=600))
     table = run.convergence
