@@ -26,7 +26,7 @@ def describe(summary: dict, out: Path) -> str:
              *screen.probes(summary.get("probes", []), summary["units"]),
              *screen.cycles(summary.get("cycles"), summary["units"]),
              *budget.describe(summary.get("errors", {}), summary["units"],
-                              budget.earlier(summary)),
+                              budget.earlier(summary), len(summary.get("boundaries", []))),
              *prices.describe(summary.get("errors", {}).get("prices")),
              *screen.warnings(summary["warnings"])]
     return "\n  ".join(lines)

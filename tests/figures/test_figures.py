@@ -629,6 +629,14 @@ def test_history_shows_forces_per_thickness_and_iterations(drawn, run):
     assert "120 iterations of the fixed point" in words(figure)
 
 
+def test_forces_of_several_boundaries_are_called_sums(run, drawn):
+    assert legend_words(drawn["history"]) == ["pressing force", "tangential force"]
+    several = run.summary | {"boundaries": [{"boundary": 1}, {"boundary": 3}]}
+    figure = figures.compose("history", dataclasses.replace(run, summary=several))
+    assert legend_words(figure) == [f"{force}, sum over 2 boundaries" for force in (
+        "pressing force", "tangential force")]
+
+
 def test_forces_of_unlike_size_have_panels_of_their_own(run):
     """A small tangential force is seen: its curve fills half of its panel or more."""
     table = {**run.history, "resultant_t": 0.01 * run.history["resultant_n"]}
