@@ -10,7 +10,8 @@ import numpy as np
 
 from ..environment import EVERY_STEP
 from ..errors import Defect, DriverError, InputError, agreed_writes, defect, shortage, words_of
-from ..estimates import adaptivity, between_steps, refinement, soundness, validity
+from ..estimates import (adaptivity, between_steps, refinement, soundness, starts_inside,
+                         validity)
 from ..estimates.energy import EnergyEstimator, excluded, of_time, report
 from ..feti.gathering import largest
 from ..march.ahead import Ahead
@@ -120,6 +121,7 @@ def run(directory: Path, request: Request, comm,
     seconds, settings = lap.seconds, Settings(**request.settings)
     problem = linearized(assemble(directory / "export", comm, lap, ahead=ahead), settings, comm)
     _check_quantity(request, problem)
+    starts_inside.check(problem)
     if request.refine:
         _check_estimates(problem)
     solver = problem.solver(settings)
