@@ -226,9 +226,10 @@ def _march(directory: Path, request: Request, problem: Problem, solver: Quasista
     if solver.cycles is not None:
         history.warnings += solver.cycles.warnings()
     history.warnings += soundness.warnings(problem, estimator.largest and estimator.largest[1])
+    motion = problem.structure.contact.motion_of_all_times
+    history.warnings += between_steps.half_turns(motion)
     if problem.effects.frictional:  # else the end does not depend on the way
-        history.warnings += between_steps.warnings(
-            problem.manifest, problem.structure.contact.motion_of_all_times)
+        history.warnings += between_steps.warnings(problem.manifest, motion)
     with agreed_writes(comm):
         progress.close(str(failure or "converged"))
     return resumed, before, failure
