@@ -18,8 +18,8 @@ from PIL import Image, ImageColor
 
 from driver import figures
 from driver.errors import InputError
-from driver.figures import (animation, body, contact, convergence, crossing, history, labels,
-                            layout, obstacle, outline, reading, redraw, scales, style, theory)
+from driver.figures import (animation, body, contact, convergence, crossing, geometry, history,
+                            labels, layout, obstacle, outline, reading, redraw, scales, style, theory)
 
 ALL = ["geometry", "loading", "deformed", "contact_normal", "contact_tangential", "contact_status",
        "history", "convergence"]
@@ -826,6 +826,31 @@ def test_materials_that_no_region_names_have_colours(run, modulus, expected):
                     if (values := c.get_array()) is not None)
         np.testing.assert_array_equal(tint[middle[1] < 0.4], 0)
         assert (tint[(middle[1] > 0.4) & (middle[0] > 0.02)] == 1).all()
+
+
+def test_materials_have_the_names_that_the_scene_gives_them(run):
+    """Of three bodies two are alike: a tint for each material, whatever the regions are."""
+    names = ["steel", "rubber", "steel"]
+    rows = [{"body": k + 1, "name": name, "young": 210e9 if name == "steel" else 5e6,
+             "poisson": 0.3} for k, name in enumerate(names)]
+    mesh = dataclasses.replace(run.first, body=np.arange(len(run.first.triangles)) % 3)
+    one = dataclasses.replace(run, first=mesh, summary=run.summary | {"materials": rows})
+    kind, said = geometry._materials(one)  # pylint: disable=protected-access
+    assert said == ["steel, $E$ = 210 GPa", "rubber, $E$ = 5 MPa"]
+    assert kind[:3].tolist() == [0, 1, 0]
+    assert legend_words(figures.compose("geometry", one))[:2] == said
+
+
+@pytest.mark.parametrize("way, end", [(0.0, 2.0), (1.0, 3.0), (50.0, 5.0)])
+def test_the_picture_goes_as_far_as_the_body_does(run, way, end):
+    """What touches does so `way` farther on along the floor; no more than 1.5 of the size."""
+    table = run.contact | {"u_t": 0 * run.contact["u_t"] + way, "u_n": 0 * run.contact["u_n"]}
+    box = np.array([[0.0, 0.0], [2.0, 1.0]])
+    far = dataclasses.replace(run, contact=table, obstacle={})
+    last = run.contact["x"][run.contact["status"] != "open"].max()
+    found = obstacle.where_it_goes(far, box)
+    assert found.tolist() == [[0.0, 0.0], [pytest.approx(max(2.0, min(last + way, end))), 1.0]]
+    assert obstacle.where_it_goes(dataclasses.replace(far, obstacle=None), box) is box
 
 
 def test_obstacles_whose_pieces_are_as_far_apart_as_they_are_long_stay_apart():
