@@ -73,7 +73,9 @@ def half_turns(motion) -> list[str]:
 
     Of such a turn the step sees but where it ends.
     """
-    turns = np.abs(np.diff(motion.angle, axis=0)).max(axis=1, initial=0.0) if motion else np.zeros(1)
+    if motion is None:
+        return []
+    turns = np.abs(np.diff(motion.angle, axis=0)).max(axis=1, initial=0.0)
     k = int(np.argmax(turns >= turns.max() * (1 - ROUNDING)))
     if turns[k] < np.pi * (1 - ROUNDING):
         return []

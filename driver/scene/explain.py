@@ -39,8 +39,8 @@ MEANINGS = (
                          "left, or one without elements: is the element size (H) too large?"),
     (r"Assertion fail", "a mesh that FreeFEM cannot work with: triangles that are flat, vertices "
                         "that are no numbers or coincide"),
-    (r"(?s:mesh generator.*call gmshBody)", "triangles or edges of several bodies in one file that "
-                                            f"are there twice or overlap: {APART}"),
+    (r"(?s:mesh generator.*call gmshBody)", "triangles or edges that are there twice or overlap, "
+                                            f"as of bodies in one file: {APART}"),
     (r"mesh generator", "a mesh with triangles or edges that are there twice, overlap, are flat or "
                         "run clockwise, or with vertices that coincide"),
     (r"Mesh IO Error|Erreur Lecture", "a mesh file that is damaged or not there"),
@@ -74,7 +74,7 @@ def refusal(said: str, scene: Path) -> str:
         return f"{grammar.place(scene, quoted, -1)}: {said}"
     if re.match(r"(rectangle|rotate|units|quasistatic|addBody|bodyMaterial|subdomains)\b", said):
         return f"{grammar.uses(scene, first, -1 if 'twice' in said else 0)}: {said}"
-    if file := re.search(r"[\w./-]+\.(?:geo|msh)\b|^\S+(?= is a directory| is not there| has no tri)", said):
+    if file := re.search(r"[\w./-]+\.(geo|msh)\b|^\S+(?= is (a dir|not there)| has no tri)", said):
         return grammar.place(scene, re.escape(file[0]) + '"') + f": {said}"
     found = placed(said, scene)
     return found if found != said else f"{scene.name}: {said}"
