@@ -19,7 +19,8 @@ from PIL import Image, ImageColor
 from driver import figures
 from driver.errors import InputError
 from driver.figures import (animation, body, contact, convergence, crossing, geometry, history,
-                            labels, layout, obstacle, outline, reading, redraw, scales, style, theory)
+                            labels, layout, obstacle, outline, reading, redraw, scales, style,
+                            theory)
 
 ALL = ["geometry", "loading", "deformed", "contact_normal", "contact_tangential", "contact_status",
        "history", "convergence"]
