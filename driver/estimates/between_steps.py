@@ -68,6 +68,22 @@ def of_obstacles(motion, steps: int, stride: int = 1) -> dict[str, tuple[float, 
     return found
 
 
+def half_turns(motion) -> list[str]:
+    """A line where a step turns an obstacle by half a turn or more, of an ObstacleMotion or None.
+
+    Of such a turn the step sees but where it ends.
+    """
+    if motion is None:
+        return []
+    turns = np.abs(np.diff(motion.angle, axis=0)).max(axis=1, initial=0.0)
+    k = int(np.argmax(turns >= turns.max() * (1 - ROUNDING)))
+    if turns[k] < np.pi * (1 - ROUNDING):
+        return []
+    return [f"obstacleAngle turns an obstacle by {turns[k]:.3g} rad, {turns[k] / (2 * np.pi):.2g} "
+            f"turns, in step {k + 1}: steps do not follow half a turn or more; angles are in "
+            "radians: if that is meant, take more STEPS"]
+
+
 def misses(effects, manifest, motion, stride: int) -> bool:
     """Whether every `stride`-th step misses noticeably what a load or an obstacle does.
 

@@ -78,6 +78,7 @@ SINGULAR = "does not converge under refinement: it may be singular, or the mesh 
 VANISHED = 1e-6  # of what its unit suggests: a quantity that is zero but for tolerances
 SMALL = 1e-3  # of it: one that is zero but for an error as large as itself
 UNBOUNDED = ("peak_pressure",)  # may have no limit under refinement
+SUMMED = ("normal_resultant", "tangential_resultant")  # over contact boundaries, by magnitude
 UNITS = {"peak_pressure": (1, 0), "normal_resultant": (1, 1), "tangential_resultant": (1, 1),
          "contact_length": (0, 1), "slip": (0, 1), "dissipated_energy": (1, 2),
          "worn_volume": (0, 2), "displacement": (0, 1)}  # powers of stress and length
@@ -298,16 +299,33 @@ def earlier(summary: dict) -> float | None:
     return None if time is None or time >= summary["t_end"] * (1 - 1e-9) else time
 
 
-def describe(errors: dict, units: dict, time: float | None = None) -> list[str]:
+def titled(name: str, boundaries: int) -> str:
+    """A quantity in a table of a run with so many contact boundaries."""
+    title = name.replace("_", " ")
+    return f"{title}, sum of {boundaries}" if boundaries > 1 and name in SUMMED else title
+
+
+def of_sums(names, boundaries: int) -> list[str]:
+    """What resultants among the `names` are of several contact boundaries, in a line."""
+    if boundaries < 2 or not set(SUMMED) & set(names):
+        return []
+    both = "both" if boundaries == 2 else "several"
+    return [f"sum of {boundaries}: magnitudes of the contact boundaries, added; a force that "
+            f"passes through {both} of them counts at each (boundaries.csv has each by itself)"]
+
+
+def describe(errors: dict, units: dict, time: float | None = None,
+             boundaries: int = 1) -> list[str]:
     """The budget as lines of a table, then the error in the energy norm.
 
-    `time`: that of the values, if it is not the end of the history.
+    `time`: that of the values, if it is not the end of the history. `boundaries`: how many contact
+    boundaries there are.
     """
     budget, energy = errors.get("quantities"), describe_energy(errors.get("energy", {}))
     if not budget:
         return energy
     sources = [source for source in SOURCES if any(source in entry for entry in budget.values())]
-    heads = {name: f"{name.replace('_', ' ')} [{unit(name, units)}]" for name in budget}
+    heads = {name: f"{titled(name, boundaries)} [{unit(name, units)}]" for name in budget}
     title = "estimated errors" if time is None else f"estimated errors at time {time:.4g}"
     width = max(map(len, (title, *heads.values())))
     lines = [f"{title:{width}s}{'value':>12s}"
@@ -323,7 +341,7 @@ def describe(errors: dict, units: dict, time: float | None = None) -> list[str]:
         note = f"  {entry['note']}" if "note" in entry and entry["total"] is None else ""
         lines.append(f"{heads[name]:{width}s}{entry['value']:12.4g}"
                      + "".join(f"{cell:>11s}" for cell in cells) + note)
-    return [*lines, errors["advice"], *errors["notes"], *energy]
+    return [*lines, *of_sums(budget, boundaries), errors["advice"], *errors["notes"], *energy]
 
 
 def describe_energy(entry: dict) -> list[str]:

@@ -39,7 +39,7 @@ def parts(values: dict, error: float, touch: Touch, element: str, adjoint: bool,
 
     Where contact opens and slips between its few nodes coarser meshes may agree by chance; of
     displacements and resultants `adjoint` problems see the whole body's error if there are any (of
-    displacements so does an error in energy that is FINE), but of a round boundary a node or two
+    displacements so does an error in energy that is FINE), but where normals vary a node or two
     that carry all have one direction, and where areas of contact have no more nodes their force
     acts at a node. `error`: of energy_error; `unseen`: these problems are blind.
     """
@@ -53,7 +53,9 @@ def parts(values: dict, error: float, touch: Touch, element: str, adjoint: bool,
         reason = f"areas of contact of a node or two carry {share(touch.lone, 1.0)} of the force"
         spared = placed
     if 0 < touch.round < PRESSING:
-        reason, spared = "a node or two of a round boundary carry all", placed
+        reason = ("a node or two carry all, where the body or what it meets is round: take a finer "
+                  "mesh there")
+        spared = placed
     if unseen:
         reason, spared = "smoothed stresses miss most of its error in energy", OF_BODIES[-1:]
     names = [name for name in values if reason and name not in spared]

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from .labels import label_numbers
 from .layout import map_axes, run_header, shrink_to_body
-from .obstacle import draw_obstacles, hatch
+from .obstacle import draw_obstacles, hatch, where_it_goes
 from .outline import outward_edges, sample
 from .reading import Run
 from .scales import Scale, length_scale, stress_scale
@@ -44,8 +44,8 @@ def geometry(figure: Figure, run: Run) -> None:
     _springs(axes, boundary, edges, size)
     handles += _supports(axes, boundary, edges, size)
     # without the little more the obstacle would hide the contact boundary where the gap is zero
-    draw_obstacles(axes, run, 0.0, size, scale.factor, np.array([xy.min(axis=0), xy.max(axis=0)]),
-                   0.016 * size)
+    near = where_it_goes(run, np.array([mesh.xy.min(axis=0), mesh.xy.max(axis=0)]))
+    draw_obstacles(axes, run, 0.0, size, scale.factor, scale.factor * near, 0.016 * size)
     _load_arrows(axes, edges, traction, boundary["label"], size)
     handles += _weight(axes, run, xy, size)
     roles = np.where(_moved(boundary) & (role == "support"), "moved", role)
@@ -71,10 +71,17 @@ def _bodies(axes, run: Run, xy: np.ndarray) -> list:
 
 
 def _materials(run: Run) -> tuple[np.ndarray, list[str]]:
-    """(m,) number of every triangle's tint and what the tints stand for: regions and their shear
-    moduli; shear moduli that do not follow regions, in ranges where there are too many; bodies.
+    """(m,) number of every triangle's tint and what the tints stand for: materials with names;
+    regions and their shear moduli; shear moduli that do not follow regions, in ranges where there
+    are too many; bodies.
     """
     mesh = run.first
+    if bodies := run.summary.get("materials"):
+        named = [(row["name"], row["young"], row["poisson"]) for row in bodies]
+        known = list(dict.fromkeys(named))
+        words = [f"{name}, $E$ = {_said(young, stress_scale(run, young))}"
+                 for name, young, _ in known]
+        return np.array([known.index(one) for one in named])[mesh.body], words
     regions, of_region = np.unique(mesh.region, return_inverse=True)
     words = [f"region {name:g}" for name in regions]
     if mesh.shear_modulus is None:

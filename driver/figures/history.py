@@ -77,9 +77,11 @@ def history(figure: Figure, run: Run) -> None:
     unless it is rounding: that is drawn as zero.
     """
     table = run.history
-    forces = [("pressing force", RED, "o", -table["resultant_n"])]
+    boundaries = len(run.summary.get("boundaries", []))
+    summed = f", sum over {boundaries} boundaries" if boundaries > 1 else ""
+    forces = [(f"pressing force{summed}", RED, "o", -table["resultant_n"])]
     if run.friction:
-        forces.append(("tangential force", BLUE, "s", table["resultant_t"]))
+        forces.append((f"tangential force{summed}", BLUE, "s", table["resultant_t"]))
     largest = np.array([np.abs(values).max() for *_, values in forces])
     share = largest.min() / (largest.max() or 1.0)
     together = [[force] for force in forces] if NOTHING < share <= FAINT else [forces]

@@ -13,7 +13,8 @@ FAR = 0.35  # of the body's size; obstacles farther away are not drawn
 BACK = -0.5  # cosine of the turn of normals from node to node that is no corner
 NEAR = 0.1  # of the body's size: what is drawn of an obstacle beyond the picture
 FLAT = 1e-9  # 1 - cosine between normals of a flat obstacle
-WHOLE = 0.5  # of the body's size: obstacles up to which are drawn with what is farther away
+WHOLE = 1.0  # of the body's size: obstacles up to which are drawn with what is farther away
+LATER = 1.5  # of the body's size: how far away obstacles are drawn that it meets later
 REACH = 0.2  # of a picture's width: half of what is drawn of a plane
 ROUND = 4  # marks of a curved obstacle are those of a body at most so many times as large
 STRAIGHT = 1.2  # length of an obstacle over its extent up to which its marks do not meet
@@ -85,6 +86,21 @@ def draw_obstacles(axes, run: Run, time: float, size: float, factor: float, box:
         here = start[part], end[part]
         axes.add_collection(LineCollection(np.stack(here, axis=1), colors=INK, linewidths=0.8))
         hatch(axes, *here, right_of(*here), marks_size(*here, size), INK)
+
+
+def where_it_goes(run: Run, box: np.ndarray) -> np.ndarray:
+    """The `box` (2, 2) of the body, widened to where its nodes touch at any time, within reason."""
+    if run.obstacle is None or run.contact is None:
+        return box
+    rows = select(run.contact, run.contact["status"] != "open")
+    if not len(rows["x"]):
+        return box
+    x, y = rows["normal_x"], rows["normal_y"]
+    places = np.column_stack([rows["x"] + rows["u_n"] * x - rows["u_t"] * y,
+                              rows["y"] + rows["u_n"] * y + rows["u_t"] * x])
+    room = LATER * np.ptp(box, axis=0).max()
+    return np.array([np.minimum(box[0], np.maximum(places.min(axis=0), box[0] - room)),
+                     np.maximum(box[1], np.minimum(places.max(axis=0), box[1] + room))])
 
 
 def _shown(start: np.ndarray, end: np.ndarray, size: float, box: np.ndarray) -> list[np.ndarray]:

@@ -1,5 +1,6 @@
 """Look and size of every picture, the place above its axes, and how it is composed and written."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -63,8 +64,8 @@ def write(figure: Figure, folder: Path, name: str,
 def header(figure: Figure, caption: str, identity: str, handles: list,
            handlelength: float = 1.8) -> None:
     """Title, a line on what is shown, and a legend in few rows, stacked above the axes."""
-    figure.text(0.5, 1, caption, ha="center", va="top", fontsize=10)
-    figure.text(0.5, 1, identity, ha="center", va="top", fontsize=8, color="0.35")
+    _written(figure, caption, fontsize=10)
+    _written(figure, identity, fontsize=8, color="0.35")
     columns = len(handles)
     while handles:
         figure.legend(handles=handles, loc="upper center", ncols=columns, frameon=False,
@@ -75,6 +76,21 @@ def header(figure: Figure, caption: str, identity: str, handles: list,
         figure.legends[0].remove()
         columns -= 1
     place_header(figure)
+
+
+def _written(figure: Figure, text: str, **look) -> None:
+    """A text at the top of a figure, in as many lines as its width asks for.
+
+    Formulas and what stands in parentheses stay whole.
+    """
+    artist = figure.text(0.5, 1, "", ha="center", va="top", multialignment="center", **look)
+    renderer = figure.canvas.get_renderer()
+    for word in re.findall(r"\([^()$]*\)|(?:\$[^$]*\$|[^ $])+", text):
+        before = artist.get_text()
+        artist.set_text(f"{before} {word}".lstrip())
+        wide = artist.get_window_extent(renderer).width > figure.bbox.width - 2 * PAD * figure.dpi
+        if before and wide:
+            artist.set_text(f"{before}\n{word}")
 
 
 def place_header(figure: Figure) -> None:

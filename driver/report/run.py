@@ -77,16 +77,18 @@ def _quantities(summary: dict) -> list[str]:
                                            in summary.get("quantities", {}).items()}
     sources = [s for s in ("total", *budget.SOURCES) if any(s in e for e in entries.values())]
     zero = budget.vanishing({name: entry["value"] for name, entry in entries.items()})
-    rows = []
+    rows, boundaries = [], len(summary.get("boundaries", []))
     for name, entry in entries.items():
         shares = [budget.share(entry[s], entry["value"]) if s in entry else "" for s in sources]
         if name in zero:
             shares = ["about 0", *[""] * (len(sources) - 1)][: len(sources)]
-        rows.append([name.replace("_", " "), entry["value"], budget.unit(name, units), *shares])
+        rows.append([budget.titled(name, boundaries), entry["value"], budget.unit(name, units),
+                     *shares])
     time = budget.earlier(summary)
     when = "" if time is None else (
         f"At t = {time:g}, where they are largest: by the end contact is lost.")
-    notes = [entry["note"] for entry in entries.values() if "note" in entry]
+    notes = budget.of_sums(entries, boundaries)
+    notes += [entry["note"] for entry in entries.values() if "note" in entry]
     return [page.paragraph(when),
             page.table(["quantity", "value", "unit", *map(HEADS.get, sources)], rows),
             page.bullets([*dict.fromkeys(notes), *errors.get("notes", [])]),

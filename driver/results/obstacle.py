@@ -11,6 +11,7 @@ from .tables import OBSTACLE, header
 
 BEND = np.deg2rad(5.0)  # by which a side of the polygon that is written may turn
 SIDES = 40  # of the obstacle's size are the longest of them
+SAME = 1e-9  # of the obstacle's size, or of a radian, by which nodes may see one obstacle apart
 
 
 def write_obstacle(path: Path, following, comm) -> None:
@@ -30,12 +31,13 @@ def _rows(following) -> list[list]:
     ends, motion = polygon(following.surface.curve), following.motion
     if motion is None:
         return [[0, *side] for side in ends.tolist()]
-    rows = []
+    rows, size = [], np.ptp(ends.reshape(-1, 2), axis=0).max()
     for step in range(len(motion.times)):
         here = following.rigid
         paths = np.column_stack([motion.shift[step, here], motion.angle[step, here],
                                  motion.pivot[here]])
-        for *shift, angle, x, y in np.unique(paths, axis=0):
+        alike = np.round(paths / (SAME * np.array([size, size, 1.0, size, size])))
+        for *shift, angle, x, y in paths[np.unique(alike, axis=0, return_index=True)[1]]:
             turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
             pivot = np.array([x, y])
             moved = (ends.reshape(-1, 2) - pivot) @ turn.T + pivot + shift

@@ -14,7 +14,7 @@ def describe(summary: dict, out: Path) -> str:
     worst = max(summary["residuals"].values(), default=0)
     condensed = counts.get("condensed_steps")
     newton = f"Newton's method on the contact rows in {condensed} steps, " if condensed else ""
-    lines = [f"{title}: {sizes['subdomains']} subdomains, {sizes['primal_dofs']} primal and "
+    lines = [f"{title}: {subdomains(summary)}, {sizes['primal_dofs']} primal and "
              f"{sizes['dual_dofs']} dual dofs, {summary['steps']} steps",
              f"{counts['fixed_point_iterations']} fixed-point iterations, "
              f"{counts['dual_multiplications']} products with F, {newton}largest KKT residual "
@@ -26,10 +26,20 @@ def describe(summary: dict, out: Path) -> str:
              *screen.probes(summary.get("probes", []), summary["units"]),
              *screen.cycles(summary.get("cycles"), summary["units"]),
              *budget.describe(summary.get("errors", {}), summary["units"],
-                              budget.earlier(summary)),
+                              budget.earlier(summary), len(summary.get("boundaries", []))),
              *prices.describe(summary.get("errors", {}).get("prices")),
              *screen.warnings(summary["warnings"])]
     return "\n  ".join(lines)
+
+
+def subdomains(summary: dict) -> str:
+    """How many there are; of several bodies also how many were asked for, where these are others.
+    """
+    made, asked = summary["sizes"]["subdomains"], summary["parameters"].get("subdomains", "")
+    if summary["effects"]["bodies"] < 2 or not asked.isdigit() or int(asked) == made:
+        return f"{made} subdomains"
+    return (f"{made} subdomains ({asked} asked for; every body is cut by itself, into a number by "
+            "its size)")
 
 
 def never_mattered(ledger: dict[str, dict]) -> list[str]:

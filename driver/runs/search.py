@@ -105,6 +105,7 @@ def _write(directory: Path, request: Request, search: goal.Search, status: int, 
     writer.close()
     level.solver.history.warnings += [
         *soundness.warnings(problem, level.steps[most]),
+        *between_steps.half_turns(problem.structure.contact.motion_of_all_times),
         *(between_steps.warnings(problem.manifest, search.motion) if search.effects.frictional
           else [])]
     budget, chosen = search.budget(), search.chosen()

@@ -10,7 +10,8 @@ import numpy as np
 
 from ..environment import EVERY_STEP
 from ..errors import Defect, DriverError, InputError, agreed_writes, defect, shortage, words_of
-from ..estimates import adaptivity, between_steps, refinement, soundness, validity
+from ..estimates import (adaptivity, between_steps, refinement, soundness, starts_inside,
+                         validity)
 from ..estimates.energy import EnergyEstimator, excluded, of_time, report
 from ..feti.gathering import largest
 from ..march.ahead import Ahead
@@ -120,6 +121,7 @@ def run(directory: Path, request: Request, comm,
     seconds, settings = lap.seconds, Settings(**request.settings)
     problem = linearized(assemble(directory / "export", comm, lap, ahead=ahead), settings, comm)
     _check_quantity(request, problem)
+    starts_inside.check(problem)
     if request.refine:
         _check_estimates(problem)
     solver = problem.solver(settings)
@@ -224,9 +226,10 @@ def _march(directory: Path, request: Request, problem: Problem, solver: Quasista
     if solver.cycles is not None:
         history.warnings += solver.cycles.warnings()
     history.warnings += soundness.warnings(problem, estimator.largest and estimator.largest[1])
+    motion = problem.structure.contact.motion_of_all_times
+    history.warnings += between_steps.half_turns(motion)
     if problem.effects.frictional:  # else the end does not depend on the way
-        history.warnings += between_steps.warnings(
-            problem.manifest, problem.structure.contact.motion_of_all_times)
+        history.warnings += between_steps.warnings(problem.manifest, motion)
     with agreed_writes(comm):
         progress.close(str(failure or "converged"))
     return resumed, before, failure

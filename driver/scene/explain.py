@@ -39,6 +39,8 @@ MEANINGS = (
                          "left, or one without elements: is the element size (H) too large?"),
     (r"Assertion fail", "a mesh that FreeFEM cannot work with: triangles that are flat, vertices "
                         "that are no numbers or coincide"),
+    (r"(?s:mesh generator.*call gmshBody)", "triangles or edges that are there twice or overlap, "
+                                            f"as of bodies in one file: {APART}"),
     (r"mesh generator", "a mesh with triangles or edges that are there twice, overlap, are flat or "
                         "run clockwise, or with vertices that coincide"),
     (r"Mesh IO Error|Erreur Lecture", "a mesh file that is damaged or not there"),
@@ -72,7 +74,7 @@ def refusal(said: str, scene: Path) -> str:
         return f"{grammar.place(scene, quoted, -1)}: {said}"
     if re.match(r"(rectangle|rotate|units|quasistatic|addBody|bodyMaterial|subdomains)\b", said):
         return f"{grammar.uses(scene, first, -1 if 'twice' in said else 0)}: {said}"
-    if file := re.search(r"[\w./-]+\.(?:geo|msh)\b|^\S+(?= is a directory| has no tri)", said):
+    if file := re.search(r"[\w./-]+\.(geo|msh)\b|^\S+(?= is (a dir|not there)| has no tri)", said):
         return grammar.place(scene, re.escape(file[0]) + '"') + f": {said}"
     found = placed(said, scene)
     return found if found != said else f"{scene.name}: {said}"
@@ -226,10 +228,8 @@ def _content_read(path: Path, number: int, scene: Path) -> str:
 
 def _line(scene: Path, name: str, number: int) -> str:
     """Code of a line of a file of the scene; empty if there is none."""
-    for source in grammar.sources(scene):
-        if source.path.name == name and 0 < number <= len(source.lines):
-            return source.code[number - 1]
-    return ""
+    return next((source.code[number - 1] for source in grammar.sources(scene)
+                 if source.path.name == name and 0 < number <= len(source.lines)), "")
 
 
 def _declares(scene: Path, name: str, number: int, word: str) -> bool:
@@ -271,8 +271,7 @@ def _arguments(code: str) -> list[str]:
 
 
 def _unfinished(scene: Path, name: str, number: int) -> int:
-    """The last line of code before a line of a file, macros left out, if it does not end; else 0.
-    """
+    """The last line before a line of a file, macros left out, if it does not end; else 0."""
     source = next((source for source in grammar.sources(scene) if source.path.name == name), None)
     if source is None:
         return 0
@@ -349,7 +348,8 @@ def _execution(output: str, status: int, scene: Path, retrace) -> str:
     killed = -status if status < 0 else status - 128 if status > 128 else 0
     said = "; ".join(dict.fromkeys(line for line in lines
                                    if line.startswith(("Exec error", "Error", "Fatal error"))))
-    number = re.search(r"current line = (\d+)", output)
+    number = (re.search(r"call gmshBody +at +line +(\d+)", output)
+              or re.search(r"current line = (\d+)", output))
     if "dlerror" in output:
         name = (re.findall(r"dlerror : (\S+?)\.so", output) or [""])[0]
         return f"{grammar.place(scene, rf'load.*{name}')}: FreeFEM has no plugin {name}"

@@ -301,7 +301,11 @@ def changed_by(scene: Path, name: str) -> set[str]:
                 changed.add(f"'{statement}'")
         reached |= {macro for macro, body in macros if is_touched(body)}
     if not reached | changed:
-        raise InputError(f"{scene.name} reads no parameter {name.upper()} that a study could vary")
+        number = re.search(r'\bphysical\s*\(\s*"(\w+)', "\n".join(_code(scene)))
+        own = number[1].upper() if number else "NAME"
+        raise InputError(f"{scene.name} reads no parameter {name.upper()} that a study could vary: "
+                         f"values are given to one that it reads, as {own}=a,b,c or "
+                         f"{own}=first:last:count")
     return changed | (reached & rooms.vocabulary())
 
 

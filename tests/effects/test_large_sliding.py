@@ -401,6 +401,17 @@ def test_misuse_gets_one_line(solved, scene, changes, said):
     assert run.status == 2 and said in run.reason and "\n" not in run.reason
 
 
+@pytest.mark.parametrize("start, status", [("-3. - height", 2), ("height - 0.01", 0)])
+def test_an_obstacle_turned_inside_out_is_asked_about(solved, scene, start, status):
+    """Not so a press fit, whose nodes all start inside as well."""
+    height = SLOPE.split(") ", 1)[1].removesuffix(" //")
+    obstacle = f"macro obstacle(x, y) ({start.replace('height', height)}) //"
+    run = solved(scene(INCLINE, ("OBSTACLE", obstacle)), steps=2)
+    assert run.status == status and "\n" not in run.reason
+    said = "inside the obstacle at the start, by up to 3 at "
+    assert (said in run.reason and "is its sign right?" in run.reason) == (status == 2)
+
+
 @pytest.mark.slow  # runs that are refused
 def test_what_cannot_be_had_with_it_says_so(solved, scene, tmp_path):
     run = solved(scene(INCLINE, ("OBSTACLE", SLOPE), ("(way + 3.)", "5.")), steps=4)

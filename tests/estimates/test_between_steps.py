@@ -148,6 +148,18 @@ def test_obstacles_that_turn_between_the_steps(rigid, turns, stride, missed):
     assert not between_steps.misses(FRICTION, still, None, stride)
 
 
+@pytest.mark.parametrize("turn, steps, said", [
+    (360.0, 40, "by 9 rad, 1.4 turns, in step 1:"), (360.0, 400, ""),
+    (2 * np.pi, 2, "by 3.14 rad, 0.5 turns, in step 1:"), (2 * np.pi, 3, ""), (0.0, 5, "")])
+def test_steps_that_turn_an_obstacle_too_far_are_named(turn, steps, said):
+    motion = obstacles(lambda t: 0.0, steps)
+    motion.angle = np.tile(np.linspace(0.0, turn, steps + 1), (3, 1)).T
+    lines = between_steps.half_turns(motion)
+    assert len(lines) == bool(said)
+    assert all(said in line and "angles are in radians" in line for line in lines)
+    assert between_steps.half_turns(None) == []
+
+
 def test_steps_of_an_obstacles_own_number_miss_what_the_export_saw():
     motion = obstacles(lambda t: t, 20)
     assert between_steps.of_obstacles(motion, 20) == motion.missed

@@ -45,6 +45,21 @@ def test_the_budget_is_a_table():
     assert "estimated errors at time 0.5 " in head and len(head) == len(force)
 
 
+@pytest.mark.parametrize("boundaries, title, said", [
+    (1, "normal resultant [N/mm]", []),
+    (2, "normal resultant, sum of 2 [N/mm]", ["through both of them counts at each"]),
+    (3, "normal resultant, sum of 3 [N/mm]", ["through several of them counts at each"])])
+def test_resultants_of_several_boundaries_are_called_sums(boundaries, title, said):
+    errors = {"quantities": {name: {"value": 2.0, "mesh": 0.1, "total": 0.1}
+                             for name in ("slip", "normal_resultant")},
+              "advice": "", "notes": [], "energy": {}}
+    head, slip, force, *notes, _ = budget.describe(errors, UNITS, None, boundaries)
+    assert force.startswith(f"{title} ") and slip.startswith("slip [mm] ")
+    assert len(head) == len(slip) == len(force) and len(notes) == len(said)
+    assert all(words in note for words, note in zip(said, notes))
+    assert budget.of_sums(["displacement"], boundaries) == []
+
+
 @pytest.mark.parametrize("time, end, said", [
     (1.0, 2.0, 1.0), (2.0, 2.0, None), (None, 2.0, None), (2.0 - 1e-15, 2.0, None)])
 def test_the_time_of_the_quantities_is_said_where_it_is_not_the_end(time, end, said):

@@ -61,6 +61,8 @@ def test_a_body_that_is_resolved_has_displacements_however_few_nodes_touch(touch
     """By an adjoint problem, or by its error in energy where elements have none."""
     found = unresolved.parts(VALUES, error, touch, "P2", adjoint)
     assert ("displacement" not in found) == known and "slip" in found
+    assert ("the body or what it meets is round: take a finer mesh" in found["slip"].note) == bool(
+        touch.round)
 
 
 @pytest.mark.parametrize("flat, stays", [(True, True), (False, False)])

@@ -18,8 +18,9 @@ from PIL import Image, ImageColor
 
 from driver import figures
 from driver.errors import InputError
-from driver.figures import (animation, body, contact, convergence, crossing, history, labels,
-                            layout, obstacle, outline, reading, redraw, scales, style, theory)
+from driver.figures import (animation, body, contact, convergence, crossing, geometry, history,
+                            labels, layout, obstacle, outline, reading, redraw, scales, style,
+                            theory)
 
 ALL = ["geometry", "loading", "deformed", "contact_normal", "contact_tangential", "contact_status",
        "history", "convergence"]
@@ -568,6 +569,24 @@ def test_not_converged_is_said_in_every_title(tmp_path):
         assert figures.compose(name, run).texts[0].get_text().endswith("(not converged)")
 
 
+def test_long_titles_have_several_lines(run):
+    """What is said of doubts stays whole, and nothing leaves the page."""
+    doubts = {"converged": False, "validity": {"verdict": "questionable"}}
+    run = dataclasses.replace(run, summary=run.summary | doubts)
+
+    def draw(figure):
+        figure.add_subplot()
+        layout.run_header(figure, run, r"Deformed bodies at $t = 0.5 s$, displacements to scale",
+                          [], "boundaries 500 and 501 overlap: no contact is declared there; " * 3)
+
+    figure = style.canvas(draw, 10)
+    title, identity = (text.get_text().split("\n") for text in figure.texts)
+    assert title == [r"Deformed bodies at $t = 0.5 s$, displacements to scale (not converged)",
+                     "(questionable: see the warnings)"]
+    assert len(identity) > 1
+    assert not outside(figure) and not overlaps(figure)
+
+
 def test_thinned_convergence_keeps_starts_and_counts_everything(tmp_path):
     run = figures.read_run(make_run(tmp_path, steps=20, products=600))
     table = run.convergence
@@ -609,6 +628,14 @@ def test_history_shows_forces_per_thickness_and_iterations(drawn, run):
     assert heights[0] > 3 * heights[-1]  # physics first
     assert [p.get_height() for p in iterations.patches] == [6] * 20
     assert "120 iterations of the fixed point" in words(figure)
+
+
+def test_forces_of_several_boundaries_are_called_sums(run, drawn):
+    assert legend_words(drawn["history"]) == ["pressing force", "tangential force"]
+    several = run.summary | {"boundaries": [{"boundary": 1}, {"boundary": 3}]}
+    figure = figures.compose("history", dataclasses.replace(run, summary=several))
+    assert legend_words(figure) == [f"{force}, sum over 2 boundaries" for force in (
+        "pressing force", "tangential force")]
 
 
 def test_forces_of_unlike_size_have_panels_of_their_own(run):
@@ -800,6 +827,31 @@ def test_materials_that_no_region_names_have_colours(run, modulus, expected):
                     if (values := c.get_array()) is not None)
         np.testing.assert_array_equal(tint[middle[1] < 0.4], 0)
         assert (tint[(middle[1] > 0.4) & (middle[0] > 0.02)] == 1).all()
+
+
+def test_materials_have_the_names_that_the_scene_gives_them(run):
+    """Of three bodies two are alike: a tint for each material, whatever the regions are."""
+    names = ["steel", "rubber", "steel"]
+    rows = [{"body": k + 1, "name": name, "young": 210e9 if name == "steel" else 5e6,
+             "poisson": 0.3} for k, name in enumerate(names)]
+    mesh = dataclasses.replace(run.first, body=np.arange(len(run.first.triangles)) % 3)
+    one = dataclasses.replace(run, first=mesh, summary=run.summary | {"materials": rows})
+    kind, said = geometry._materials(one)  # pylint: disable=protected-access
+    assert said == ["steel, $E$ = 210 GPa", "rubber, $E$ = 5 MPa"]
+    assert kind[:3].tolist() == [0, 1, 0]
+    assert legend_words(figures.compose("geometry", one))[:2] == said
+
+
+@pytest.mark.parametrize("way, end", [(0.0, 2.0), (1.0, 3.0), (50.0, 5.0)])
+def test_the_picture_goes_as_far_as_the_body_does(run, way, end):
+    """What touches does so `way` farther on along the floor; no more than 1.5 of the size."""
+    table = run.contact | {"u_t": 0 * run.contact["u_t"] + way, "u_n": 0 * run.contact["u_n"]}
+    box = np.array([[0.0, 0.0], [2.0, 1.0]])
+    far = dataclasses.replace(run, contact=table, obstacle={})
+    last = run.contact["x"][run.contact["status"] != "open"].max()
+    found = obstacle.where_it_goes(far, box)
+    assert found.tolist() == [[0.0, 0.0], [pytest.approx(max(2.0, min(last + way, end))), 1.0]]
+    assert obstacle.where_it_goes(dataclasses.replace(far, obstacle=None), box) is box
 
 
 def test_obstacles_whose_pieces_are_as_far_apart_as_they_are_long_stay_apart():

@@ -8,6 +8,7 @@ from mpi4py import MPI
 
 from driver.contact.states import SLIP
 from driver.contact.states import ContactField as C
+from driver.effects.slip_law import Way
 from driver.results.contact_state import (MOVED, SLID, WORN, ContactState, friction_of_held,
                                           held_along)
 
@@ -42,7 +43,7 @@ def made(rng, worn=False) -> ContactState:
     of._weights, of._time, of._before = None, 0.0, None
     of.worn = np.zeros(n) if worn else None
     of.constrained, of._held = np.zeros((n, 2), bool), np.zeros(n)
-    of._relative, of._slid = of.solver.initial, np.zeros(n)
+    of._relative, of._slip_law, of._way = of.solver.initial, None, None
     of.law = SimpleNamespace(friction_bound=lambda force: 0.4 * np.abs(force))
     return of
 
@@ -108,13 +109,13 @@ def test_held_nodes_obey_laws_of_their_way():
     of.rows.tangential, of.rows.tangential_node = np.array([3, 5]), np.array([0, 2])
     of.solver.initial, of.solver.initial_weights = np.zeros(3), np.zeros(2)
     of._relative, places = np.full(3, 0.25), []
+    b.at = lambda time: SimpleNamespace(gap=np.zeros(3))
 
-    def factor(number, u_t, last):
-        assert number.tolist() == [0, 1, 2]
-        places.append((u_t[1], abs(u_t - last)[1]))
-        return 1.0 - abs(u_t - last)
+    def factor(u_t, slid):
+        places.append((u_t[1], slid[1]))
+        return 1.0 - slid
 
-    of.solver.effects = SimpleNamespace(coefficient_changes=True, coefficient_factor=factor)
+    of._slip_law, of._way = SimpleNamespace(factor_at=factor), Way(b)
     for time, way in ((1.0, 0.3), (2.0, 0.6)):
         found = of.evaluate(step(time, np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]), np.zeros(2),
                                  friction_bound=np.full(2, 9.0)), np.zeros((9, 2)))
@@ -141,15 +142,15 @@ def test_what_has_grown_in_a_cycle_grows_as_much_in_each_that_is_jumped_over(ski
     of = object.__new__(ContactState)
     of._begun = {MOVED: np.array([1.0, 2.0]), WORN: np.array([0.5, 0.5]), SLID: np.zeros(2)}
     of._elastic, of.worn = np.array([1.5, 1.0]), np.array([0.75, 0.5])
-    of._slid = np.array([0.0, 0.25])
+    of._way = SimpleNamespace(slid=np.array([0.0, 0.25]))
     of._cycle_ends(SimpleNamespace(skips=skips, grown=(WORN, SLID, "of no node")))
-    np.testing.assert_allclose(of._slid, [0.0, 0.25 + 0.25 * skips])
+    np.testing.assert_allclose(of._way.slid, [0.0, 0.25 + 0.25 * skips])
     np.testing.assert_allclose(of._elastic, [1.5, 1.0])
     np.testing.assert_allclose(of.worn, [0.75 + 0.25 * skips, 0.5])
-    of._begun[SLID] = of._slid - 1.0
-    before = of._slid
+    of._begun[SLID] = of._way.slid - 1.0
+    before = of._way.slid
     of._cycle_ends(SimpleNamespace(skips=skips, grown=()))  # the march does not see held nodes
-    np.testing.assert_allclose(of._slid, before + skips)
+    np.testing.assert_allclose(of._way.slid, before + skips)
     assert of._begun[WORN] is of.worn and of._begun[MOVED] is of._elastic
     of._cycle_ends(SimpleNamespace(skips=skips, grown=(MOVED,)))
     np.testing.assert_allclose(of._elastic, [1.5, 1.0])

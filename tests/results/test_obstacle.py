@@ -60,11 +60,11 @@ def test_an_open_curve_is_one_way_from_end_to_end():
 
 def test_where_an_obstacle_stands_in_every_step(tmp_path):
     """A bar that shifts, and then turns by 90 degrees about (1, 0) as well; a node that it does not
-    concern moves otherwise.
+    concern moves otherwise. Nodes see it apart by rounding.
     """
     bar = SimpleNamespace(start=np.array([[0.0, 0.0]]), end=np.array([[1.0, 1.0]]),
                           normal=np.array([[0.0, 1.0]]))
-    there = [[0.5, 2.0], [0.5, 2.0], [7.0, 7.0]]
+    there = [[0.5, 2.0], [0.5 + 1e-15, 2.0 - 1e-15], [7.0, 7.0]]
     shift = np.array([[[0.0, 0.0]] * 3, there, there])
     motion = SimpleNamespace(times=np.arange(3), shift=shift, pivot=np.array([[1.0, 0.0]] * 3),
                              angle=np.array([[0.0] * 3, [0.0] * 3, [np.pi / 2] * 3]))

@@ -690,6 +690,9 @@ MESHED = (('include "scene.idp"', 'include "scene.idp"\ninclude "gmsh.idp"'),
     (GEO + SECOND, "mine.geo has two points in the same place, (2, "),
     # as gmsh finds the ends of pieces of oblique lines, to 1e-11 of the whole
     (GEO + SECOND.replace("{2, ", "{2.0000000001, "), "two points of the mesh at (2"),
+    # the second body lies between the nodes of the first one
+    (GEO + SECOND.replace(", 0, 0, h", ", 0.1, 0, h").replace(", 1, 0, h", ", 0.7, 0, h"),
+     "as of bodies in one file: mesh bodies that touch one at a time"),
     (GEO + SECOND.replace("{2, ", "{2.00000003, "), "the body is not connected: its piece at"),
     # a notch from above, 3e-8 wide
     (GEO.replace("Line(3) = {3, 4};", "Point(5) = {1.00000003, 1, 0, h}; Point(6) = {1, 0.5, 0, h};"
@@ -713,6 +716,13 @@ MESHED = (('include "scene.idp"', 'include "scene.idp"\ninclude "gmsh.idp"'),
 def test_what_gmsh_makes_is_judged(said, tmp_path, geo, words):
     (tmp_path / "mine.geo").write_text(geo)
     assert words in said(*MESHED, parameters={"steps": "2"})
+
+
+@pytest.mark.parametrize("name", ["mine.geo", "other.msh", "another"])
+def test_a_mesh_that_is_not_there_is_said_to_be(said, name):
+    message = said(MESHED[0], (MESHED[1][0], f'body = gmshBody("{name}", 0.5);'),
+                   parameters={"steps": "2"})
+    assert message == f"mine.edp line 5: {name} is not there: paths are relative to the scene"
 
 
 def test_a_number_that_no_geometry_reads_is_refused(said, tmp_path):

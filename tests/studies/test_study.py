@@ -380,6 +380,7 @@ def test_what_a_parameter_changes(variant, text, changed):
     ("SCENE=model FRICTION=0.3:0.4:0", "the count, 0, must be 2 or more"),
     ("SCENE=model FRICTION=0.3,0.3", "gives one twice"),
     ("SCENE=model CELLS=5,10", "reads no parameter CELLS"),
+    ("SCENE=model VALUES=5,10", "as FRICTION=a,b,c or FRICTION=first:last:count"),
     ("SCENE=thermal POISSON=0.2,0.3",
      "also changes poisson: sweep it by driver.run, as driver/README.md shows"),
     ("SCENE=cantilever STEPS=1,2", "static scene has one step"),
