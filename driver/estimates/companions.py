@@ -29,6 +29,8 @@ ROUNDING = 1e-9  # relative change of a largest displacement that a support pres
 UNSEEN = 2.5e-2  # by how much others may exceed it, relative: bulges beside a support; 1.6 found
 SAME = 0.5  # part of a peak of displacements that the same one on a coarser mesh has at least
 UNTRIED = "no run with more steps to compare with"
+UNLOOKED = ("the part of the time step was not looked at: it takes runs with more steps, and with no "
+            "part of the mesh known there would be no total")
 TIGHTER = 100.0  # tolerances of the companions that tell what those of the run leave
 LEFT = 2.0  # safety of what they tell: another mesh answers by chance with more or less
 EARNED = 1e-8  # residuals that rounding still lets a companion reach
@@ -149,7 +151,7 @@ class Companions:
         parts = {"mesh": self._mesh()}
         self.given = caution.by_balance(self.values, parts["mesh"])
         if effects.quasistatic and (effects.frictional or self.at < self.manifest.steps - 1):
-            parts["time"] = self._time()
+            parts["time"] = self._time(_known(parts["mesh"]))
             if "slip" in self.values:
                 parts["time"]["slip"] = located(parts["time"]["slip"], OF_TIME * self.arrivals)
         elif self.open_work and not effects.quasistatic:
@@ -230,18 +232,22 @@ class Companions:
         part = extrapolate([a - b for a, b in same], self.ratios, formal, own, True)
         return max(own + part.error - value, 0.0)
 
-    def _time(self) -> dict[str, Part]:
+    def _time(self, wanted: bool = True) -> dict[str, Part]:
         """Every second and fourth time; without friction only the instant counts.
 
         Where there are few steps, or so few would miss what the history does, twice and four times
         as many. So it is where these times would leave the first step of few as it is: what
-        friction does in it would be right in all of them.
+        friction does in it would be right in all of them. These are not run if they are not
+        `wanted`.
         """
         steps = self.manifest.steps
         coarser_by = [by for by in (2, 4) if steps >= MANY or not steps % by]
         if self.effects.frictional and (steps < FEW or not coarser_by
                                         or self.misses(FEW)):
-            return self._more_time()
+            if wanted:
+                return self._more_time()
+            self.notes.append(UNLOOKED)
+            return dict.fromkeys(self.values, Part(None))
         strides = [1, *coarser_by] if self.effects.frictional else [1, 2]
         strides = [stride for stride in strides if stride <= steps]
         mesh = self._telling()
@@ -316,6 +322,11 @@ class Companions:
                                   formal_order(source, element, name), value, True,
                                   safety=OF_TIME)
                 for name, value in self.values.items()}
+
+
+def _known(parts: dict[str, Part]) -> bool:
+    """Whether any of the `parts` has an error."""
+    return any(part.error is not None for part in parts.values())
 
 
 def _whole(runs: list) -> list:

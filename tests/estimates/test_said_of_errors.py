@@ -9,7 +9,7 @@ from driver.errors import InputError, NotConverged
 from driver.estimates import alternatives, budget, energy, soundness
 from driver.estimates.bound import Estimate, _root, coupling
 from driver.estimates.budget import Part, mesh_knob
-from driver.estimates.companions import Companions
+from driver.estimates.companions import UNLOOKED, Companions
 from driver.estimates.levels import Levels
 from driver.options import Settings
 
@@ -188,6 +188,14 @@ def test_more_steps_tell_where_there_are_few():
     for failing in (companions(fails=("fine",)), companions(fails=(1,))):
         part = failing._more_time()["slip"]
         assert part.error is None and part.note
+
+
+def test_more_steps_are_not_run_where_no_total_can_come_of_them():
+    """No part of the mesh is known: a note says so, and nothing is solved."""
+    of = companions(effects=SimpleNamespace(frictional=True))
+    of.levels.run = of.levels.problem = None
+    assert of._time(wanted=False)["slip"] == Part(None)
+    assert of.notes == [UNLOOKED]
 
 
 def test_what_is_zero_but_for_tolerances():
