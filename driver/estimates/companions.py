@@ -31,6 +31,7 @@ SAME = 0.5  # part of a peak of displacements that the same one on a coarser mes
 UNTRIED = "no run with more steps to compare with"
 UNLOOKED = ("the part of the time step was not looked at: it takes runs with more steps, and with no "
             "part of the mesh known there would be no total")
+STIFFLY = 0.25  # of the displacement, by which one more mesh makes it larger
 TIGHTER = 100.0  # tolerances of the companions that tell what those of the run leave
 LEFT = 2.0  # safety of what they tell: another mesh answers by chance with more or less
 EARNED = 1e-8  # residuals that rounding still lets a companion reach
@@ -149,6 +150,7 @@ class Companions:
         earned = {"primal_rtol": min(settings.primal_rtol,
                                      max(settings.primal_rtol / TIGHTER, EARNED))}
         parts = {"mesh": self._mesh()}
+        self.notes += self._stiff()
         self.given = caution.by_balance(self.values, parts["mesh"])
         if effects.quasistatic and (effects.frictional or self.at < self.manifest.steps - 1):
             parts["time"] = self._time(_known(parts["mesh"]))
@@ -231,6 +233,19 @@ class Companions:
         formal = formal_order("mesh", self.manifest.element, "displacement")
         part = extrapolate([a - b for a, b in same], self.ratios, formal, own, True)
         return max(own + part.error - value, 0.0)
+
+    def _stiff(self) -> list[str]:
+        """A note where linear triangles are, by far, too stiff: a finer mesh moves by much more."""
+        coarse = self._values(self.meshes[1]) if len(self.meshes) > 1 else None
+        if self.manifest.element != "P1" or coarse is None:
+            return []
+        way = self.values["displacement"]
+        change = way - coarse["displacement"]
+        if change <= STIFFLY * abs(way):
+            return []
+        return ["linear triangles may be too stiff, as they are in bending: the displacement grew "
+                f"by {100 * change / way:.0f} % of it from the next coarser mesh, and may grow on; "
+                "ELEMENT=P2"]
 
     def _time(self, wanted: bool = True) -> dict[str, Part]:
         """Every second and fourth time; without friction only the instant counts.

@@ -198,6 +198,15 @@ def test_more_steps_are_not_run_where_no_total_can_come_of_them():
     assert of.notes == [UNLOOKED]
 
 
+@pytest.mark.parametrize("element, coarse, said", [
+    ("P1", 0.4, True), ("P1", 0.9, False), ("P1", 1.6, False), ("P2", 0.4, False)])
+def test_linear_triangles_that_may_be_too_stiff_are_named(element, coarse, said):
+    """Where the displacement grows much from the next coarser mesh to that of the run."""
+    of = companions(meshes=[{}, {"h": 2.0}], values={"displacement": 1.0})
+    of.manifest.element, of._values = element, lambda mesh: {"displacement": coarse}
+    assert ["ELEMENT=P2" in line for line in of._stiff()] == [True] * said
+
+
 def test_what_is_zero_but_for_tolerances():
     """Shear, slip and work beside force and displacement, or beside errors of their own size."""
     values = {"normal_resultant": 2.0, "displacement": 0.5, "tangential_resultant": 1e-7,
