@@ -28,7 +28,12 @@ ENOUGH = 64  # steps of a companion up to which there may be more, so that it mi
 ROUNDING = 1e-9  # relative change of a largest displacement that a support prescribes
 UNSEEN = 2.5e-2  # by how much others may exceed it, relative: bulges beside a support; 1.6 found
 SAME = 0.5  # part of a peak of displacements that the same one on a coarser mesh has at least
+OF_MESHES, OF_STEPS, OF_JUMPS = "coarser meshes", "time steps", "jumps over cycles"
+OF_TOLERANCES, OF_PRICES = "tolerances", "price of the next digit"
 UNTRIED = "no run with more steps to compare with"
+UNLOOKED = ("the part of the time step was not looked at: it takes runs with more steps, and with "
+            "no part of the mesh known there would be no total")
+STIFFLY = 0.25  # of the displacement, by which one more mesh makes it larger
 TIGHTER = 100.0  # tolerances of the companions that tell what those of the run leave
 LEFT = 2.0  # safety of what they tell: another mesh answers by chance with more or less
 EARNED = 1e-8  # residuals that rounding still lets a companion reach
@@ -52,6 +57,7 @@ class Companions:
         last = self.at == problem.manifest.steps - 1
         self.unresolved = unresolved.parts(self.values, error, touch, element, bool(sizes),
                                            last and unresolved.blind(energy, smoothed))
+        self.begins = lambda name, names: None  # takes the stage that begins, and all of them
         self.levels, self.manifest, self.settings = levels, problem.manifest, settings
         self.effects = problem.effects
         self.arrivals = record.arrivals() if "slip" in self.values else 0.0
@@ -146,21 +152,37 @@ class Companions:
         tight = {"rtol": settings.rtol / TIGHTER}
         earned = {"primal_rtol": min(settings.primal_rtol,
                                      max(settings.primal_rtol / TIGHTER, EARNED))}
+        timed = effects.quasistatic and (
+            effects.frictional or self.at < self.manifest.steps - 1)
+        stages = [OF_MESHES, *([OF_STEPS] if timed else []), *([OF_JUMPS] if self.jumps else []),
+                  OF_TOLERANCES, OF_PRICES]
+        self.begins(OF_MESHES, stages)
         parts = {"mesh": self._mesh()}
+        self.notes += self._stiff()
         self.given = caution.by_balance(self.values, parts["mesh"])
-        if effects.quasistatic and (effects.frictional or self.at < self.manifest.steps - 1):
-            parts["time"] = self._time()
+        if timed:
+            self.begins(OF_STEPS, stages)
+            parts["time"] = self._time(_known(parts["mesh"]))
             if "slip" in self.values:
                 parts["time"]["slip"] = located(parts["time"]["slip"], OF_TIME * self.arrivals)
         elif self.open_work and not effects.quasistatic:
             parts["time"] = of_one_step(self.values, self.open_work)
         if self.jumps:
+            self.begins(OF_JUMPS, stages)
             parts["jumps"] = self._jumps()
+        self.begins(OF_TOLERANCES, stages)
+        found = self._of_tolerances(tight, earned)
+        self.begins(OF_PRICES, stages)
+        return parts | found
+
+    def _of_tolerances(self, tight: dict, earned: dict) -> dict[str, dict[str, Part]]:
+        """Parts of what the run's tolerances leave, by companions with `tight`er ones."""
+        effects, settings = self.effects, self.settings
         if effects.pressure_bounds_friction:
             settled = min(settings.friction_rtol / TIGHTER, SETTLED)
-            parts["friction"] = self._algebraic(tight, earned | {"friction_rtol": settled})
-            return parts | {"solver": self._algebraic({}, tight)}
-        return parts | {"solver": self._algebraic({}, tight | earned)}
+            return {"friction": self._algebraic(tight, earned | {"friction_rtol": settled}),
+                    "solver": self._algebraic({}, tight)}
+        return {"solver": self._algebraic({}, tight | earned)}
 
     def stride(self, wanted: int) -> int:
         """The largest of 4, 2, 1 up to `wanted` that leaves a step."""
@@ -230,18 +252,35 @@ class Companions:
         part = extrapolate([a - b for a, b in same], self.ratios, formal, own, True)
         return max(own + part.error - value, 0.0)
 
-    def _time(self) -> dict[str, Part]:
+    def _stiff(self) -> list[str]:
+        """A note where linear triangles are, by far, too stiff: a finer mesh moves by much more."""
+        coarse = self._values(self.meshes[1]) if len(self.meshes) > 1 else None
+        if self.manifest.element != "P1" or coarse is None:
+            return []
+        way = self.values["displacement"]
+        change = way - coarse["displacement"]
+        if change <= STIFFLY * abs(way):
+            return []
+        return ["linear triangles may be too stiff, as they are in bending: the displacement grew "
+                f"by {100 * change / way:.0f} % of it from the next coarser mesh, and may grow on; "
+                "ELEMENT=P2"]
+
+    def _time(self, wanted: bool = True) -> dict[str, Part]:
         """Every second and fourth time; without friction only the instant counts.
 
         Where there are few steps, or so few would miss what the history does, twice and four times
         as many. So it is where these times would leave the first step of few as it is: what
-        friction does in it would be right in all of them.
+        friction does in it would be right in all of them. These are not run if they are not
+        `wanted`.
         """
         steps = self.manifest.steps
         coarser_by = [by for by in (2, 4) if steps >= MANY or not steps % by]
         if self.effects.frictional and (steps < FEW or not coarser_by
                                         or self.misses(FEW)):
-            return self._more_time()
+            if wanted:
+                return self._more_time()
+            self.notes.append(UNLOOKED)
+            return dict.fromkeys(self.values, Part(None))
         strides = [1, *coarser_by] if self.effects.frictional else [1, 2]
         strides = [stride for stride in strides if stride <= steps]
         mesh = self._telling()
@@ -316,6 +355,11 @@ class Companions:
                                   formal_order(source, element, name), value, True,
                                   safety=OF_TIME)
                 for name, value in self.values.items()}
+
+
+def _known(parts: dict[str, Part]) -> bool:
+    """Whether any of the `parts` has an error."""
+    return any(part.error is not None for part in parts.values())
 
 
 def _whole(runs: list) -> list:

@@ -74,6 +74,7 @@ class Levels:
         """
         self.scene, self.parameters, self.settings = scene, parameters, settings
         self.folder, self.comm, self.cycles, self.without = folder, comm, cycles, without
+        self.watch = None  # told of runs and their steps, see runs/watch.py
         self.plan: list | None = None  # cycles of the run that were jumped over after each
         self.problems: dict = {}
         self.runs: dict = {}
@@ -165,12 +166,18 @@ class Levels:
         clock, before = time.perf_counter(), problem.operator.products
         times = samples(problem.manifest, stride)
         solver = problem.solver(settings, times, plan)
-        record, steps = Record(problem.operator, solver), []
+        record, steps, watch = Record(problem.operator, solver), [], self.watch
+        if watch:
+            watch.begin(len(times) - 1)
         try:
             for step in solver.steps():
                 record.add(step)
                 steps.append(step)
+                if watch:
+                    watch.update()
         finally:
+            if watch:
+                watch.end()
             products = problem.operator.products - before
             spent = time.perf_counter() - clock
             self.products += products

@@ -1,5 +1,7 @@
 """Which errors a mesh that does not resolve the solution leaves unknown."""
 
+import numpy as np
+
 from ..results.touch import Touch
 from .budget import Part, share, vanishing
 from .caution import PRESSING, by_balance, fewest
@@ -10,6 +12,7 @@ LONE = 0.1  # of the pressing force in areas of contact of a node or two: it act
 APART = 1.0  # change of a quantity to the next mesh over the quantity itself, of another problem
 BLIND = 0.25  # smoothed stresses' error in energy over its bound; that is 2.6 times the true one
 # at most in the tests, so that two thirds of the error are all that they see
+OPENS = 1.5  # power of the size of elements with which the next node opens: a corner 1, a curve 2
 OWN = "the mesh is too coarse: it may be nothing but its own error"
 STICKS = "no node slides on this mesh"
 OF_SLIP = ("slip", "dissipated_energy")
@@ -73,6 +76,22 @@ def alike(runs: list) -> list:
                    for name in ALIKE if name in fine)
 
     return runs[: next((k for k, pair in enumerate(runs) if not same(*pair)), len(runs))]
+
+
+def at_corners(touches: list[Touch], ratio: float) -> bool:
+    """Whether contact is at corners, of which no finer mesh has more nodes.
+
+    `touches` of meshes, finest first, whose elements grow by `ratio` from the first to the last. On
+    all of them a node or two carry all beside ends of boundaries, on finer ones by no more nodes,
+    and the node that opens least opens like a corner does, not like a curve.
+    """
+    nodes = [touch.nodes for touch in touches]
+    if not all(touch.cornered and touch.lone > LONE for touch in touches):
+        return False
+    if nodes != sorted(nodes):
+        return False
+    fine, coarse = (touch.beside[:, 0].min(initial=np.inf) for touch in (touches[0], touches[-1]))
+    return bool(0 < fine < np.inf and coarse < fine * ratio**OPENS)
 
 
 def claimable(found: dict[str, Part], values: dict, touches: bool = False) -> dict[str, Part]:

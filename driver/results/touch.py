@@ -36,6 +36,7 @@ class Touch:
     edges: float = 0.0  # length of the element sides in which contact ends
     doubt: float = 0.0  # by how much other nodes would locate its ends elsewhere
     whole: float = 0.0  # length of all contact boundaries, from node to node
+    cornered: bool = False  # a few nodes press, at ends of boundaries that go on nowhere
 
     @classmethod
     def of(cls, nodes: dict, steps: dict, index: int, pressing_round: int,
@@ -64,7 +65,7 @@ class Touch:
                    sum(_sides(nodes, piece, closed[piece]) for piece in pieces),
                    sum(doubt_of_ends(nodes, piece, steps, index) for piece in lines),
                    sum(float(np.diff(nodes["arc"][piece]).sum() + beyond_ends(nodes, piece).sum())
-                       for piece in lines))
+                       for piece in lines), _cornered(nodes, pieces, pressing))
 
     def lighter(self, part: float) -> float:
         """Length of contact whose pressure is below a part of the mean one."""
@@ -77,6 +78,18 @@ class Touch:
         """
         opening, length = self.beside.T
         return float(length[opening < way].sum() + self.lighter(part) + self.edges)
+
+
+def _cornered(nodes: dict, pieces: list, force: np.ndarray) -> bool:
+    """Whether all that presses, by nodal forces, is fewer than AREA nodes next to each end of a
+    boundary, an end that is none of a line of symmetry.
+    """
+    beside = np.zeros(len(force), bool)
+    for piece in pieces:
+        if not is_ring(nodes, piece):
+            for few in (piece[:AREA - 1], piece[:-AREA:-1]):
+                beside[few] |= not nodes["mirrored"][few[0]]
+    return bool((force > 0).any() and beside[force > 0].all())
 
 
 def _lone(nodes: dict, force: np.ndarray) -> float:

@@ -23,6 +23,7 @@ from ..estimates.budget import (FORMAL, SINGULAR, Part, extrapolate, finer, main
                                 mesh_knob, name_of, of_one_step, ratio, share, vanishing)
 from ..estimates.caution import FAST, HELD
 from ..estimates.successive import mesh_parts
+from ..estimates.unresolved import at_corners
 from .tolerances import TOLERANCES
 from .trials import Trials
 
@@ -192,6 +193,7 @@ class Search(Trials):
                 raise NoSolution(f"the {self.words} cannot be had to {100 * self.asked:g} %: "
                                  "it grows from mesh to mesh, as at a singular point; "
                                  "ask for another quantity")
+            self._refuse_corners(entry)
             size = self._next(entry)
             self._make(size, share(entry["total"], entry["value"]))
             self.sizes.append(size)
@@ -277,6 +279,19 @@ class Search(Trials):
                              f"{errors[self.name]:.1g}, both next to nothing beside what the body "
                              "moves by or bears: it may be zero, and has no relative error to be "
                              "met; ask for another quantity")
+
+    def _refuse_corners(self, entry: dict) -> None:
+        """Raise NotConverged where three meshes tell no error as contact is at corners on all."""
+        sizes = self.sizes[:-4:-1]
+        if entry["mesh"] is not None or len(sizes) < 3:
+            return
+        levels = [self.level(size) for size in sizes]
+        if at_corners([level.touch for level in levels], ratio(self.knob, sizes[-1], sizes[0])):
+            fine, coarse = (level.values[self.name] for level in levels[:2])
+            raise NotConverged(f"no mesh tells an error of the {self.words}: contact is at corners, "
+                               "where a node or two carry all on any mesh; the last two meshes "
+                               f"differ by {share(abs(fine - coarse), fine)}; round the corners, "
+                               "or ask for another quantity")
 
     def _nodes(self, size) -> float:
         """Of the mesh of a size, by those of the last one."""

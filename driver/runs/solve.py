@@ -26,6 +26,7 @@ from ..results.writer import Writer
 from ..timing import Laps
 from . import launch
 from .request import Request
+from .watch import Watch
 from .workspace import lock_log
 
 NO_ESTIMATES = "not all errors could be estimated"  # a warning, with the reason
@@ -340,6 +341,7 @@ def _budget(errors: dict, directory: Path, request: Request, problem: Problem, w
     levels = Levels(Path(request.script), request.parameters, directory / "companions",
                     writer.operator.comm, settings, [Path(place) for place in request.cycles],
                     request.without)
+    watch = Watch(request.scene, request.quiet or writer.operator.comm.rank > 0)
     if writer.solver.cycles is not None:
         levels.plan = writer.solver.cycles.past.plan
     took, record = Measured.of(lap.seconds, problem.manifest), writer.record
@@ -349,6 +351,7 @@ def _budget(errors: dict, directory: Path, request: Request, problem: Problem, w
         sizes, said = adjoint.assess(problem, record, step, values, lambda: estimator.body)
         companions = Companions(levels, problem, settings, record, sizes, errors["energy"],
                                 said.get("smoothed"), step)
+        levels.watch, companions.begins = watch, watch.stage
         parts = assess(errors, companions)
         errors["adjoint"] = said
         errors["energy"] |= of_time(errors["quantities"], errors["energy"])

@@ -9,7 +9,7 @@ from driver.errors import InputError, NotConverged
 from driver.estimates import alternatives, budget, energy, soundness
 from driver.estimates.bound import Estimate, _root, coupling
 from driver.estimates.budget import Part, mesh_knob
-from driver.estimates.companions import Companions
+from driver.estimates.companions import UNLOOKED, Companions
 from driver.estimates.levels import Levels
 from driver.options import Settings
 
@@ -203,6 +203,23 @@ def test_more_steps_tell_where_there_are_few():
     for failing in (companions(fails=("fine",)), companions(fails=(1,))):
         part = failing._more_time()["slip"]
         assert part.error is None and part.note
+
+
+def test_more_steps_are_not_run_where_no_total_can_come_of_them():
+    """No part of the mesh is known: a note says so, and nothing is solved."""
+    of = companions(effects=SimpleNamespace(frictional=True))
+    of.levels.run = of.levels.problem = None
+    assert of._time(wanted=False)["slip"] == Part(None)
+    assert of.notes == [UNLOOKED]
+
+
+@pytest.mark.parametrize("element, coarse, said", [
+    ("P1", 0.4, True), ("P1", 0.9, False), ("P1", 1.6, False), ("P2", 0.4, False)])
+def test_linear_triangles_that_may_be_too_stiff_are_named(element, coarse, said):
+    """Where the displacement grows much from the next coarser mesh to that of the run."""
+    of = companions(meshes=[{}, {"h": 2.0}], values={"displacement": 1.0})
+    of.manifest.element, of._values = element, lambda mesh: {"displacement": coarse}
+    assert ["ELEMENT=P2" in line for line in of._stiff()] == [True] * said
 
 
 def test_what_is_zero_but_for_tolerances():

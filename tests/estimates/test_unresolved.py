@@ -1,5 +1,6 @@
 """Meshes that make another problem of a scene, and areas of contact that they do not resolve."""
 
+import dataclasses
 from types import SimpleNamespace
 
 import numpy as np
@@ -187,3 +188,38 @@ def test_slip_of_what_only_sticks_has_no_claim(slip, touches, known):
     assert (found["slip"].error is not None) == known == (
         found["dissipated_energy"].error is not None)
     assert found["displacement"].error == 0.0
+
+
+def touches_at(shape, sizes, where=0.0, mirrored=False):
+    """Contact on meshes of `sizes` of a side from 0 to 8 whose node at `where` carries all, and
+    the others open by a `shape` of their distance from it.
+    """
+    found = []
+    for size in sizes:
+        arc = np.arange(0.0, 8.0 + size / 2, size)
+        zero, presses = np.zeros(len(arc)), (arc == where).astype(float)
+        nodes = {"arc": arc, "xy": np.column_stack([arc, zero]), "chain": zero.astype(int),
+                 "weight": zero + 1, "gap": shape(np.abs(arc - where)), "middle": zero > 0,
+                 "mirrored": zero + mirrored > 0, "paired": zero > 0}
+        steps = {"sigma_n": -presses, "sigma_t": zero, "u_n": zero, "u_t": zero, "slip": zero,
+                 "status": np.where(presses > 0, STICK, OPEN)}
+        found.append(Touch.of(nodes, {name: column[None] for name, column in steps.items()}, 0, 0))
+    return found
+
+
+@pytest.mark.parametrize("shape, where, mirrored, at_corners", [
+    (lambda way: 0.1 * way, 0.0, False, True), (lambda way: 0.1 * way, 8.0, False, True),
+    (lambda way: 0.1 * way**2, 0.0, False, False), (lambda way: 0.1 * way, 0.0, True, False),
+    (lambda way: 0.1 * way, 4.0, False, False)])
+def test_contact_at_a_corner_has_no_more_nodes_on_finer_meshes(shape, where, mirrored, at_corners):
+    """It is at an end of a side, not on a line of symmetry, and opens like a corner: a curve has
+    more nodes once they are near enough.
+    """
+    assert unresolved.at_corners(touches_at(shape, [0.25, 0.5, 1.0], where, mirrored),
+                                 4.0) is at_corners
+
+
+def test_contact_that_gains_nodes_is_at_no_corner():
+    fine, middle, coarse = touches_at(lambda way: 0.1 * way, [0.25, 0.5, 1.0])
+    more = dataclasses.replace(fine, nodes=2)
+    assert not unresolved.at_corners([more, middle, coarse], 4.0)

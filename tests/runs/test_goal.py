@@ -260,6 +260,21 @@ def test_a_mesh_that_gets_no_finer_ends_a_search():
         search._make(0.1, "3 %")
 
 
+@pytest.mark.parametrize("error, sizes, corners, ends", [
+    (None, [4.0, 2.0, 1.0], True, True), (0.1, [4.0, 2.0, 1.0], True, False),
+    (None, [2.0, 1.0], True, False), (None, [4.0, 2.0, 1.0], False, False)])
+def test_contact_at_corners_ends_a_search(monkeypatch, error, sizes, corners, ends):
+    search = object.__new__(goal.Search)
+    search.knob, search.sizes, search.name = "h", sizes, "normal_resultant"
+    search.level = lambda size: SimpleNamespace(touch=None, values={search.name: 100 - size})
+    monkeypatch.setattr(goal, "at_corners", lambda touches, factor: corners and factor == 4.0)
+    if not ends:
+        search._refuse_corners({"mesh": error})
+        return
+    with pytest.raises(NotConverged, match="last two meshes differ by 1.0 %; round the corners"):
+        search._refuse_corners({"mesh": error})
+
+
 def test_tolerances_are_measured_against_runs_that_are_there():
     """As long as these are much tighter."""
     search = object.__new__(goal.Search)
