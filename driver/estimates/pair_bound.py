@@ -39,7 +39,6 @@ from functools import cached_property
 
 import numpy as np
 
-from ..contact import mortar
 from ..contact.facing import segments
 from ..contact.side import POINT, Side, WEIGHT, before_flanks, split
 from .contact_tractions import continued, slid
