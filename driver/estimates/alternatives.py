@@ -16,6 +16,7 @@ from ..results.contact_state import ContactState
 from ..scene import element_kinds
 from . import adaptivity, prices, refinement
 from .budget import Part, coarser, extrapolate, formal_order, ratio, vanishing
+from .caution import by_balance
 from .energy import EnergyEstimator
 from .jumps import Jumps
 from .prices import Adaptive, Costs, Measured, Quantity, Uniform, Whole
@@ -220,7 +221,8 @@ class Alternatives:
 
 def price_list(companions, parts: dict, budget: dict, name: str, run: Measured, memory: float,
                idle: float, spent=None) -> dict:
-    """Entry `prices` for the quantity `name`, by default the first with an error; collective.
+    """Entry `prices` for the quantity `name`, by default the first with an error, of resultants
+    that the loads give only where there is no other; collective.
 
     `parts` and `budget` by quantity; `run`: what the run took; `memory`, `idle`: MiB of it, and
     before it; `spent()`: seconds of the estimates so far, by default predicted like all others.
@@ -228,8 +230,10 @@ def price_list(companions, parts: dict, budget: dict, name: str, run: Measured, 
     values, errors = ({q: entry[key] for q, entry in budget.items()} for key in ("value", "total"))
     zero = vanishing(values, errors)
     if not name:
-        known = (q for q in budget if errors[q] is not None and q not in zero)
-        name = next(known, next(iter(budget)))
+        known = [q for q in budget if errors[q] is not None and q not in zero]
+        given = by_balance(values, parts["mesh"]) if parts else set()
+        other = [q for q in known if q not in given]
+        name = next(iter(other or known or budget))
     head = {"quantity": name, "value": values[name], "error": errors[name], "lines": []}
     words = name.replace("_", " ")
     if errors[name] is None:

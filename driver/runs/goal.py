@@ -36,6 +36,8 @@ SMALL = 1_500  # nodes up to which a run costs no more than the start of program
 # that quadratic elements approach faster: others hang on places between nodes
 SMOOTH = ("normal_resultant", "tangential_resultant", "displacement", "peak_pressure")
 PRESSED = ("normal_resultant", "peak_pressure")  # none of which is there where nothing touches
+DEPEND = ("peak_pressure", "contact_length")  # on the mesh, also where the loads give the force
+GIVEN = 0.1  # of the request is the error of a force that hardly depends on the mesh
 QUADRATIC = {"element": "P2"}
 
 
@@ -46,7 +48,7 @@ class Search(Trials):
         """`levels`: the scene's; `settings` not chosen here; `say` takes lines for the user."""
         super().__init__(levels, settings, asked, quantity)
         self.say = say
-        self.enough = 3  # meshes
+        self.enough, self.unnamed = 3, not quantity  # meshes
         smooth = not quantity or quantity in SMOOTH  # as the main quantities are
         self._begin(smooth and "element" not in levels.parameters)
         self.follow(self.levels.problem(**self.mesh(self.sizes[0])))
@@ -288,10 +290,11 @@ class Search(Trials):
         levels = [self.level(size) for size in sizes]
         if at_corners([level.touch for level in levels], ratio(self.knob, sizes[-1], sizes[0])):
             fine, coarse = (level.values[self.name] for level in levels[:2])
-            raise NotConverged(f"no mesh tells an error of the {self.words}: contact is at corners, "
-                               "where a node or two carry all on any mesh; the last two meshes "
-                               f"differ by {share(abs(fine - coarse), fine)}; round the corners, "
-                               "or ask for another quantity")
+            raise NotConverged(
+                f"no mesh tells an error of the {self.words}: contact is at corners, where a node "
+                f"or two carry all on any mesh; the last two meshes differ by "
+                f"{share(abs(fine - coarse), fine)}; round the corners, or ask for another "
+                "quantity")
 
     def _nodes(self, size) -> float:
         """Of the mesh of a size, by those of the last one."""
@@ -314,6 +317,22 @@ class Search(Trials):
             raise NotConverged(f"{demand}, but the scene makes no finer mesh, or no finer contact "
                                f"boundary, than at {name_of(self.knob, self.sizes[-1])}; reached: "
                                f"{reached}")
+
+    def others(self) -> str:
+        """What to ask for where the request, of no quantity, was met by a force that hardly depends
+        on the mesh, and others do; empty elsewhere.
+        """
+        budget = self.budget()
+        errors = {name: entry["relative"] for name, entry in budget.items()}
+        name = next((name for name in DEPEND if name in errors), "")
+        if not self.unnamed or self.name != "normal_resultant" or not name:
+            return ""
+        if errors[self.name] is None or errors[self.name] > GIVEN * self.asked:
+            return ""
+        if errors[name] is not None and errors[name] <= self.asked:
+            return ""
+        return (f"the {self.words} hardly depends on the mesh, as where loads give it: "
+                f"ACCURACY={100 * self.asked:g}%,{name} asks for the {name.replace('_', ' ')}")
 
     def chosen(self) -> dict[str, str]:
         """The settings as options of the command line."""

@@ -113,7 +113,8 @@ def _write(directory: Path, request: Request, search: goal.Search, status: int, 
     settings = " ".join(f"{name}={value}" for name, value in chosen.items())
     advice = (f"{search.name.replace('_', ' ')} to {share(entry['total'], entry['value'])}, "
               f"asked for {100 * search.asked:g} %; the same settings by hand: {settings}")
-    errors = {"quantities": budget, "notes": [], "advice": advice}
+    notes = list(filter(None, [search.others() if not status else ""]))
+    errors = {"quantities": budget, "notes": notes, "advice": advice}
     reached = None if status == NoSolution.exit_status else entry["relative"]
     accuracy = {"quantity": search.name, "asked": search.asked, "reached": reached,
                 "settings": chosen, "levels": len(search.sizes), "products": levels.products}

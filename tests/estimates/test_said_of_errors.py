@@ -329,6 +329,17 @@ def test_why_there_are_no_prices(monkeypatch, entry, reason):
     assert unnamed["quantity"] == first and unnamed["lines"] == [first, whole[first]["value"]]
 
 
+@pytest.mark.parametrize("error, first", [(1e-6, "displacement"), (1e-3, "normal_resultant")])
+def test_prices_are_not_those_of_a_force_that_loads_give(monkeypatch, error, first):
+    monkeypatch.setattr(alternatives, "_predicted", lambda *_: [])
+    names = ("normal_resultant", "displacement")
+    whole = {name: {"value": 2.0, "total": 0.1} for name in names}
+    parts = {"mesh": {"normal_resultant": Part(error), "displacement": Part(0.1)}}
+    for budget_, name in ((whole, first), ({names[0]: whole[names[0]]}, names[0])):
+        found = alternatives.price_list(SimpleNamespace(), parts, budget_, "", None, 1.0, 1.0)
+        assert found["quantity"] == name
+
+
 def test_errors_of_coarser_meshes_add_up_to_one_that_failed():
     """The run's, and the distance from mesh to mesh in the same steps."""
     of = object.__new__(alternatives.Alternatives)

@@ -275,6 +275,18 @@ def test_contact_at_corners_ends_a_search(monkeypatch, error, sizes, corners, en
         search._refuse_corners({"mesh": error})
 
 
+@pytest.mark.parametrize("force, pressure, unnamed, said", [
+    (0.001, None, True, True), (0.001, 0.1, True, True), (0.001, 0.01, True, False),
+    (0.01, None, True, False), (0.001, None, False, False)])
+def test_what_a_force_that_loads_give_leaves_open_is_named(force, pressure, unnamed, said):
+    """Where no quantity was asked for: pressures far off are no part of the request."""
+    search = object.__new__(goal.Search)
+    search.asked, search.name, search.unnamed = 0.02, "normal_resultant", unnamed
+    search.budget = lambda: {"peak_pressure": {"relative": pressure},
+                             "normal_resultant": {"relative": force}}
+    assert ("ACCURACY=2%,peak_pressure asks" in search.others()) is said
+
+
 def test_tolerances_are_measured_against_runs_that_are_there():
     """As long as these are much tighter."""
     search = object.__new__(goal.Search)

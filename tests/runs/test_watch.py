@@ -17,5 +17,5 @@ def test_companions_that_take_long_are_told_in_lines(monkeypatch, capsys, quiet,
         said.end()
     out = capsys.readouterr().out.splitlines()
     assert len(out) == lines
-    assert not lines or out[-1] == ("strip: error estimates 2/2, time steps: companion 2, step 2/2, "
-                                    "0 s left of it")
+    last = "strip: error estimates 2/2, time steps: companion 2, step 2/2, 0 s left of it"
+    assert not lines or out[-1] == last
