@@ -146,7 +146,7 @@ def make_run(directory: Path, *, nodes=21, steps=20, friction="coulomb", contact
         "units": {"length": units[0], "stress": units[1]},
         "effects": {"contact": contact, "friction": friction, "time": time, "bodies": 1},
         "t_end": 1, "amplitudes": {"1": (5 * times - 4 * times**2).tolist(), "2": times.tolist()},
-        "sizes": {"subdomains": math.prod(subdomains)}}))
+        "sizes": {"subdomains": math.prod(subdomains)}, "seconds": {}}))
     rows = [(s, t, -4 * t**2 + 5 * t, t, 6 * (s > 0), 250, -1.2e8 * t * touching, 2e7 * t * (1 - t),
              0, 0, 0, 1e-3, 1.5, 1e4 * t)
             for s, t in enumerate(times)]
