@@ -226,6 +226,7 @@ def test_normals_and_gaps_do_not_know_the_cut(built, named_scene, element):
                                    atol=1e-13)
 
 
+@pytest.mark.slow  # two runs
 def test_a_wall_that_is_not_touched_changes_no_friction(checked, named_scene):
     """In full sliding T = F N, with the corner node's part; in the direction away from the wall
     and, as long as the gap is open, towards it.
@@ -295,6 +296,7 @@ macro displacement1()""").replace("u1 = drag", "u1 = 0.")
         assert last["u_n"][touched] == pytest.approx(last["gap"][touched], abs=1e-9)
 
 
+@pytest.mark.slow  # two runs; labels and cuts are changed by default
 def test_mirrored_scene_has_the_mirrored_answer(checked, named_scene):
     """Corner, bilateral and unilateral boundary, friction: x turns, and with it t."""
     block = named_scene("mirror", MIRROR)

@@ -86,6 +86,7 @@ def test_a_strength_is_a_stress_wherever_it_acts(solved, tmp_path, law, element)
     np.testing.assert_allclose((own * c["weight"])[-1].sum(), 3.5, rtol=1e-12)
 
 
+@pytest.mark.slow  # two runs
 def test_no_cohesion_is_coulombs_law(solved):
     """c = 0 and a scene without the declaration give the same tractions."""
     nothing, undeclared = (solved("cohesion", cells=4, steps=6, **TIGHT, **options)

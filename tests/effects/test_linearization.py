@@ -14,6 +14,7 @@ from driver.march.problem import Problem
 from driver.results.relinearization import linearized
 from driver.results.contact_state import ContactState
 
+@pytest.mark.slow  # two runs
 def test_a_translation_of_one_body_leaves_the_result(solved):
     """The same end from two starts: the pin in the middle of the hole, or where it touches.
 

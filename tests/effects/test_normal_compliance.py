@@ -69,6 +69,7 @@ def test_the_law_holds_at_every_node(solved, options):
     assert -smooth.contact["sigma_n"].min() > 1.1 * largest  # roughness spreads the pressure
 
 
+@pytest.mark.slow  # two runs
 def test_stiff_asperities_are_smooth_contact(solved):
     """The difference falls as 1/c: by 10 for a tenth of the closure."""
     smooth = solved("rough", cells=6, without="normal_compliance", **TIGHT)

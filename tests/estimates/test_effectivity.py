@@ -85,6 +85,7 @@ def test_effectivity_of_recovery_is_near_one_where_the_solution_is_smooth(estima
     assert two.total == pytest.approx(one.total, rel=0.1)
 
 
+@pytest.mark.slow  # a fine mesh for reference
 def test_the_bound_holds_far_from_the_solution(estimated):
     """With a given friction bound any admissible pair is bounded: this needs every term of the
     duality gap.

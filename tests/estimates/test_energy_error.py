@@ -33,6 +33,7 @@ def test_smoothed_stresses_take_the_place_of_a_bound_that_there_is_not(monkeypat
     assert sorted(step.index for step, _ in found.considered) == [1, 3]
 
 
+@pytest.mark.slow  # four runs
 def test_parts_answer_to_their_own_knob(estimated):
     base = dict(cells=4, steps=2, loading="nonmonotone")
     loose = (("rtol", 1e-3), ("primal_rtol", 1.0), ("friction_rtol", 1e-10), ("inner_rtol", 1e-9))

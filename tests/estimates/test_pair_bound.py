@@ -285,6 +285,7 @@ def test_remainders_of_tractions_have_a_stress(rng=np.random.default_rng(5)):
     assert 2 * largest <= constant <= 2 * 4 * largest, constant / largest
 
 
+@pytest.mark.slow  # a fine mesh for reference
 def test_effectivity_where_normals_turn(estimated, split, exported, read, steps_of, monkeypatch):
     """The pin's contact spans 50 degrees: the reference must have the bound's problem, normals and
     gaps linear along the coarse edges; those of its own facets would move the constraint by down

@@ -136,6 +136,7 @@ include "export.idp"
 """
 
 
+@pytest.mark.slow  # companions
 def test_loads_do_not_give_the_resultant_of_normals_that_turn(solved, named_scene):
     """Three meshes agree to 2e-6, and miss 0.1 % that friction adds where contact is inclined."""
     run = solved(named_scene("bulge", BULGE), errors="yes", quantity="displacement")

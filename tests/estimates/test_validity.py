@@ -405,6 +405,7 @@ include "export.idp"
 '''
 
 
+@pytest.mark.slow  # a history
 def test_rows_of_joints_beside_contact_that_follows_are_no_nodes(verdict):
     """Their gap of zero had been taken for the least of a contact node beyond the last one."""
     entry, warnings, _ = verdict(TREAD, steps=2, cells=4)

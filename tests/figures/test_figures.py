@@ -638,6 +638,7 @@ def test_forces_of_several_boundaries_are_called_sums(run, drawn):
         "pressing force", "tangential force")]
 
 
+@pytest.mark.slow  # two figures
 def test_forces_of_unlike_size_have_panels_of_their_own(run):
     """A small tangential force is seen: its curve fills half of its panel or more."""
     table = {**run.history, "resultant_t": 0.01 * run.history["resultant_n"]}

@@ -754,7 +754,7 @@ def test_a_start_that_went_astray_is_forgotten(far, kept, monkeypatch):
     def approximate(index, trace, *_):
         trace.fallback = True
         trace.changes = [1.0]
-        return SimpleNamespace(x=grown, gradient=-load.d), 1.0
+        return SimpleNamespace(x=grown, gradient=-load.d, status="converged"), 1.0
 
     monkeypatch.setattr(of.fixed, "_approximate", approximate)
     monkeypatch.setattr(of.fixed, "_globalise",

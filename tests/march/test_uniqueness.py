@@ -327,6 +327,7 @@ def test_examination_changes_no_number(solved):
     assert counts[1] == counts[0]
 
 
+@pytest.mark.slow  # several histories
 def test_contraction_is_reported(solved):
     """About 0.2 at F = 0.3 and growing with the coefficient: Phi's Lipschitz constant is
     proportional to it.

@@ -340,6 +340,7 @@ def test_tolerances_are_checked_on_a_finer_mesh_only_where_they_might_matter(lef
     assert set(ran) == ({8.0, 2.0} if asked_again else {8.0})
 
 
+@pytest.mark.slow  # a search
 def test_a_finest_mesh_that_meets_the_request_is_solved_once(monkeypatch, tmp_path):
     nodes, march = [], Levels._run  # pylint: disable=protected-access
 

@@ -133,6 +133,7 @@ def test_h_changes_no_mesh_of_a_file(from_file, tmp_path):
     assert "remesh" not in freefem.export(other, tmp_path / "h", {"h": "0.5"}).parameters
 
 
+@pytest.mark.slow  # companions and a price list
 def test_meshes_without_a_size_have_errors_and_prices(scene, solved):
     """By runs on meshes with elements twice and four times as long."""
     run = solved(scene(PLATE), ERRORS="yes")

@@ -274,6 +274,7 @@ def test_zones_converge(zones):
         assert run.summary["quantities"]["contact_length"] == pytest.approx(1.5, abs=0.5 / n)
 
 
+@pytest.mark.slow  # three meshes; tractions converge by default
 def test_zones_energy_is_of_second_order(built, steps_of):
     """Hild, Renard (2012) carried to degree two: the solution is smooth enough, friction and
     contact included.
@@ -346,6 +347,7 @@ def test_pressfit(solved):
     assert abs(two / force - 1) < 5e-5 and abs(two - force) < abs(one - force) / 6
 
 
+@pytest.mark.slow  # a fine mesh
 def test_hertz(solved):
     """Half-width, peak and profile at twice the size of the shipped mesh; without the curve the
     profile errs by 10%.

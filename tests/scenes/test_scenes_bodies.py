@@ -297,6 +297,7 @@ def hertz_bodies_errors(run):
                                                            / (weight @ exact**2))
 
 
+@pytest.mark.slow  # a fine mesh
 def test_two_cylinders_at_the_shipped_mesh(solved):
     width, peak, shape = hertz_bodies_errors(solved("hertz-bodies"))
     # the closed form errs by (a/R)^2 = 0.1%; the profile by what the edge of contact leaves between

@@ -155,12 +155,14 @@ def histories(solved):
     return [solved("zones", cells=8, steps=n, rtol=1e-11, friction_rtol=1e-10) for n in STEPS]
 
 
+@pytest.mark.slow  # three histories
 def test_dissipation_is_exact_in_one_step(histories):
     """Pressure and slip grow in proportion: the trapezoid gives their work with any steps."""
     lost = np.array([run.summary["quantities"]["dissipated_energy"] for run in histories])
     np.testing.assert_allclose(lost, lost[0], rtol=1e-6)
 
 
+@pytest.mark.slow  # three histories
 def test_proportional_loading_has_no_other_error_in_time(histories):
     last = histories[-1].contact
     for run in histories[:-1]:

@@ -168,6 +168,7 @@ def test_values_beyond_uniqueness_are_reported(made):
     assert "warning: FRICTION=5.6" in study.describe(summary, Path("out"))
 
 
+@pytest.mark.slow  # two studies
 def test_loadings_and_steps(made, solved):
     _, files = made(scene="model", loading="monotone,nonmonotone", steps="4")
     for loading in ("monotone", "nonmonotone"):
@@ -572,6 +573,7 @@ def test_nodes_that_a_support_holds_stay_where_they_are(made, solved, named_scen
         np.testing.assert_allclose(ours, single.contact[name][-1], atol=CLOSE)
 
 
+@pytest.mark.slow  # two studies
 def test_a_parameter_may_have_the_name_of_a_column(made, named_scene, tmp_path):
     """Values have a column of their own, in tables and in the picture."""
     text = freefem.find_scene("bar").read_text()
