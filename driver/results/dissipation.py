@@ -189,7 +189,9 @@ def _whole(solver, torn: np.ndarray) -> np.ndarray:
     size = qp.size(np.where(upper > 0, d, 0.0))
     if not size:
         return torn
+    products = solver.operator.products
     found = qp.linear(d, (lower, upper), np.zeros(len(d)), GLUED * size, -d)
+    solver.operator.products = products  # none of a step's: made again after an interruption
     return torn - d - found.gradient
 
 
