@@ -298,7 +298,9 @@ def test_what_a_node_has_slid_stays_with_it(solved, scene):
     run = solved(scene(INCLINE, ("OBSTACLE", SLOPE), ("macro friction() F //", law)), steps=8,
                  **TIGHT)
     table, c = boundaries(run), run.contact
-    slid = np.cumsum(np.abs(c["slip"]), axis=0)
+    # of a step in which a node touches or opens half counts
+    pressed = np.vstack([c["gap"][:1] <= 1e-9, c["sigma_n"] < 0])
+    slid = np.cumsum(np.abs(c["slip"]) * (pressed[1:] * 0.5 + pressed[:-1] * 0.5), axis=0)
     np.testing.assert_allclose(c["bound"], -0.3 * (1 - 0.05 * slid) * c["sigma_n"], rtol=1e-6,
                                atol=1e-9)
     assert table["slip"][-1] == pytest.approx(12 / np.cos(0.2), rel=1e-2)
