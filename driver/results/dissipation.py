@@ -158,7 +158,8 @@ def without_contact(solver, boundary) -> np.ndarray:
     patterns = operator.structure.patterns
     weights = np.zeros(patterns + operator.modes)
     weights[:patterns] = solver.amplitudes[1]
-    moved = _whole(solver, operator.elastic_response(weights)) + operator.rigid_response(weights)
+    rigid = operator.rigid_response(weights)
+    moved = _whole(solver, operator.elastic_response(weights), rigid) + rigid
     free = np.zeros(len(moved), bool)
     for unit in np.eye(patterns + operator.modes)[patterns:]:
         motion = np.abs(operator.rigid_response(unit))
@@ -176,13 +177,15 @@ def without_contact(solver, boundary) -> np.ndarray:
     return found
 
 
-def _whole(solver, torn: np.ndarray) -> np.ndarray:
+def _whole(solver, torn: np.ndarray, rigid: np.ndarray) -> np.ndarray:
     """(owned,) displacements of all rows for those of the `torn` body, glued and tied again.
 
-    Bilateral contact holds as well: what it meets is not met first. Collective.
+    Bilateral contact holds as well, with the `rigid` motions (owned,) of whole bodies: what it
+    meets is not met first. Collective.
     """
     rows, qp, d = solver.rows, solver.qp, torn.copy()
-    d[rows.normal[rows.pulls]] -= rows.gap[rows.pulls]
+    pulls = rows.normal[rows.pulls]
+    d[pulls] += rigid[pulls] - rows.gap[rows.pulls]
     lower, upper = np.full((2, len(d)), [[-np.inf], [np.inf]])
     fixed = np.append(rows.normal[~rows.pulls], rows.tangential)
     lower[fixed] = upper[fixed] = 0.0
