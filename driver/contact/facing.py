@@ -45,7 +45,7 @@ def segments(first: Side, second: Side, able: np.ndarray | None = None) -> Segme
 
 
 def facing_parts(first: Side, normal: np.ndarray, second: Side, able: np.ndarray | None,
-                  reach: float | None = None):
+                 reach: float | None = None):
     """Pairs of facing edges and the interval [start, stop] of the first edge that they share."""
     facing = first.edge_normal @ second.edge_normal.T < FACING
     e, o = np.nonzero(facing if able is None else facing & able)
@@ -94,6 +94,14 @@ def _nearest_parts(first: Side, normal: np.ndarray, second: Side, e, o, start, s
     return tuple(np.concatenate(column) for column in zip(*parts))
 
 
+def _at(side: Side, normal: np.ndarray, e: np.ndarray,
+        xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(m, 2) places at xi (m,) on edges e (m,), and normals there, between those of the nodes."""
+    a, b = side.edges[e, :2].T
+    return (side.xy[a] + xi[:, None] * (side.xy[b] - side.xy[a]),
+            normal[a] + xi[:, None] * (normal[b] - normal[a]))
+
+
 def _meets(first: Side, normal: np.ndarray, second: Side, e: np.ndarray, o: np.ndarray,
            xi: np.ndarray) -> np.ndarray:
     """Whether the normal from xi on edge e meets edge o.
@@ -101,15 +109,13 @@ def _meets(first: Side, normal: np.ndarray, second: Side, e: np.ndarray, o: np.n
     Near the focus of the normals feet of the ends of o may lie on both sides of xi although o is
     elsewhere.
     """
-    a, b = first.edges[e, :2].T
-    x = first.xy[a] + xi[:, None] * (first.xy[b] - first.xy[a])
-    n = normal[a] + xi[:, None] * (normal[b] - normal[a])
+    x, n = _at(first, normal, e, xi)
     c, d = second.xy[second.edges[o, 0]], second.xy[second.edges[o, 1]]
     return np.abs(cross(x - c, n) / cross(d - c, n) - 0.5) < 0.5 + 1e-6
 
 
 def _from_outside(first: Side, normal: np.ndarray, second: Side, e: np.ndarray, o: np.ndarray,
-              xi: np.ndarray) -> np.ndarray:
+                  xi: np.ndarray) -> np.ndarray:
     """Whether the normal from xi on edge e meets edge o from outside, and no boundary lies on the
     way back to one that is behind.
 
@@ -118,9 +124,7 @@ def _from_outside(first: Side, normal: np.ndarray, second: Side, e: np.ndarray, 
     entered, the place is not in that body at all: as the back of a clip's lip, which sees the far
     side of the shaft through the lip. What is behind by less than half of the edge is not asked.
     """
-    a, b = first.edges[e, :2].T
-    place = first.xy[a] + xi[:, None] * (first.xy[b] - first.xy[a])
-    n = normal[a] + xi[:, None] * (normal[b] - normal[a])
+    place, n = _at(first, normal, e, xi)
     n = n / np.linalg.norm(n, axis=1)[:, None]
     behind = -_along(place, n, *second.xy[second.edges[o, :2]].transpose(1, 0, 2))
     found = (n * second.edge_normal[o]).sum(axis=1) < 0
@@ -156,10 +160,7 @@ def _foot(first: Side, normal: np.ndarray, e: np.ndarray, point: np.ndarray) -> 
 
 def project(first: Side, normal: np.ndarray, second: Side, e, o, xi):
     """Coordinate eta on edge o, distance along the normal, and ds/dxi, seen from xi on edge e."""
-    a, b = first.edges[e, :2].T
-    t = first.xy[b] - first.xy[a]
-    x = first.xy[a] + xi[:, None] * t
-    n = normal[a] + xi[:, None] * (normal[b] - normal[a])
+    x, n = _at(first, normal, e, xi)
     n = n / np.linalg.norm(n, axis=1)[:, None]
     c, d = second.xy[second.edges[o, 0]], second.xy[second.edges[o, 1]]
     eta = np.clip(cross(x - c, n) / cross(d - c, n), 0.0, 1.0)
