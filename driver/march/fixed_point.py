@@ -5,6 +5,8 @@ contract the methods of `globalization` take over. Bodies without support follow
 the same iterations.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ..errors import NotConverged
@@ -27,6 +29,27 @@ BALANCED = 0.1  # its imbalance of bodies without support, relative to the one b
 HEADWAY = 1.0  # growth of this imbalance in a QP above which the corrector moves them no more
 MANY = 200  # products of a search that are not many, however few unknowns it has
 ASTRAY = 1e6  # growth of multipliers after which they are no start: their rounding hides the loads
+
+
+@dataclass
+class _Approximation:
+    """Where the successive approximations of a step are."""
+
+    x: np.ndarray
+    gradient: np.ndarray | None
+    sliding: np.ndarray
+    before: int  # iterations, and products with F, before the first of them
+    products: int
+    eliminates: bool  # where stiffness jumps, once
+    start: tuple = ()  # of the last QP: multipliers and gradient
+    taken: int = 0  # QPs that were solved
+    loose: float = np.inf  # imbalance of bodies without support, and that before
+    last: float = np.inf
+
+    @property
+    def state(self) -> tuple:
+        """Multipliers, gradient and the rows that slide."""
+        return self.x, self.gradient, self.sliding
 
 
 class FixedPoint:
@@ -52,70 +75,92 @@ class FixedPoint:
         bounds, and the imbalance of bodies, to be reached. Starts from and returns multipliers,
         gradient and the rows that slide. Raises Unfinished.
         """
-        self.rtol = rtol
-        settings, rows, coupled = self.settings, self.rows, self.coupled
-        self.corrects_motion = free = self.operator.modes > 0
-        secants, last, before = self.bodies.secants(), np.inf, trace.iterations
-        first, place = x, self.bodies.place(load)
-        products, taken, eliminates = self.operator.products, 0, self.search.stiff
-        if self.shortcut.begins(load, trace, x, gradient, rtol) and (
-                found := self.shortcut.solution(index, load, x, trace, rtol)):
-            return found
-        while not trace.fallback:
+        self.rtol, self.corrects_motion = rtol, self.operator.modes > 0
+        now = _Approximation(x, gradient, sliding, trace.iterations, self.operator.products,
+                             self.search.stiff)
+        secants, place = self.bodies.secants(), self.bodies.place(load)
+        found = (self.shortcut.begins(load, trace, x, gradient, rtol)
+                 and self.shortcut.solution(index, load, x, trace, rtol))
+        while not (found or trace.fallback):
             trace.iterations += 1
-            start, gradient = self._start(load, x, gradient, sliding, trace)
-            bound, reduction = rows.friction_bound(start), 0.0
-            if coupled or free:
-                reduction = self._reduction(trace)
             try:
-                result, change = self._approximate(index, trace, load.d, start, bound, reduction,
-                                                   coupled, gradient, self.shortcut.patience(trace))
+                result, change = self._solve(index, load, now, trace)
             except Unfinished as failure:
-                if free:
+                if self.operator.modes:
                     break  # bodies that nothing balances have run away
-                return self.condensed(index, load, self._no_further(start, first), gradient,
-                                      sliding, trace, rtol, failure)
-            x, gradient = result.x, result.gradient
-            sliding = rows.sliding(x, bound)
+                start, gradient = now.start
+                return self.condensed(index, load, self._no_further(start, x), gradient,
+                                      now.sliding, trace, rtol, failure)
             if result.status == "stopped":
-                if found := self.shortcut.solution(index, load, x, trace, rtol):
-                    return found
+                found = self.shortcut.solution(index, load, now.x, trace, rtol)
                 continue
-            if not (coupled or free):
-                self.shortcut.learn(x, self.operator.products - products)
-                return x, gradient, sliding
-            loose = self.bodies.imbalance(load, x)
-            trace.changes.append(max(change, loose * self._pressing(x)))
-            if loose <= self.rtol and self._settled(change, result):
-                return x, gradient, sliding
-            taken += 1
-            spent = self.operator.products - products
-            if self.shortcut.pays(trace, x, self._target(x), spent, taken):
-                found = self.shortcut.solution(index, load, x, trace, rtol)
-                if found is not None:
-                    return found
-            tired = trace.iterations - before >= settings.max_fixed_point
-            if tired and trace.iterations - before <= 2 * WINDOW:
-                error = NotConverged(f"{step_name(index)}: no fixed point of the friction bound in "
-                                     f"{trace.iterations} iterations")
-                raise Unfinished(error, x, gradient)
-            if eliminates and spent > self._exhausting:
-                eliminates = False
-                solution = self._eliminated(index, load, x, trace)
-                if solution is not None:
-                    return solution
-            if loose > self.rtol and change <= SETTLING * self._pressing(x):
-                # before, friction is too far off to say where to
-                gradient = gradient - self.bodies.lead(load, x, secants)
-            # for given gluing multipliers bodies may move too far, and back again after the next QP
-            last, self.corrects_motion = loose, self.corrects_motion and loose <= HEADWAY * last
-            # by the errors of QPs left early, or by starts that answer to the gluing forces of the
-            # iteration before? With neither they must stall again
-            if trace.stalls and not trace.exact:
-                trace.exact, trace.changes = True, []
-            trace.fallback = trace.stalls or tired
-        latest = self._no_further(rows.follow(x, sliding), first)
+            found = self._found(index, load, now, result, change, trace)
+            if not found:
+                self._go_on(load, now, change, secants, trace)
+        if found:
+            return found
+        latest = self._no_further(self.rows.follow(now.x, now.sliding), x)
         return self._globalise(index, load, latest, place, trace)
+
+    def _solve(self, index: int, load: Load, now: _Approximation, trace: Trace):
+        """The next QP: its result, where approximations are `now`, and their change."""
+        start, gradient = now.start = self._start(load, now.x, now.gradient, now.sliding, trace)
+        bound = self.rows.friction_bound(start)
+        reduction = self._reduction(trace) if self._repeats else 0.0
+        result, change = self._approximate(index, trace, load.d, start, bound, reduction,
+                                           self.coupled, gradient, self.shortcut.patience(trace))
+        now.x, now.gradient = result.x, result.gradient
+        now.sliding = self.rows.sliding(result.x, bound)
+        return result, change
+
+    @property
+    def _repeats(self) -> bool:
+        """Whether a step takes more than one QP."""
+        return self.coupled or self.operator.modes > 0
+
+    def _found(self, index: int, load: Load, now: _Approximation, result, change: float,
+               trace: Trace):
+        """The solution where the last QP is it, or where another method costs less; else None.
+
+        Raises Unfinished where no more of the few approximations that are allowed are left.
+        """
+        if not self._repeats:
+            self.shortcut.learn(now.x, self.operator.products - now.products)
+            return now.state
+        now.last, now.loose = now.loose, self.bodies.imbalance(load, now.x)
+        trace.changes.append(max(change, now.loose * self._pressing(now.x)))
+        if now.loose <= self.rtol and self._settled(change, result):
+            return now.state
+        now.taken += 1
+        spent = self.operator.products - now.products
+        if self.shortcut.pays(trace, now.x, self._target(now.x), spent, now.taken):
+            if found := self.shortcut.solution(index, load, now.x, trace, self.rtol):
+                return found
+        if self._tired(now, trace) and trace.iterations - now.before <= 2 * WINDOW:
+            error = NotConverged(f"{step_name(index)}: no fixed point of the friction bound in "
+                                 f"{trace.iterations} iterations")
+            raise Unfinished(error, now.x, now.gradient)
+        if now.eliminates and spent > self._exhausting:
+            now.eliminates = False
+            return self._eliminated(index, load, now.x, trace)
+        return None
+
+    def _tired(self, now: _Approximation, trace: Trace) -> bool:
+        """Whether all approximations that are allowed were made."""
+        return trace.iterations - now.before >= self.settings.max_fixed_point
+
+    def _go_on(self, load: Load, now: _Approximation, change: float, secants, trace: Trace):
+        """Moves bodies without support, and says how the next QP is solved, if not by others."""
+        if now.loose > self.rtol and change <= SETTLING * self._pressing(now.x):
+            # before, friction is too far off to say where to
+            now.gradient = now.gradient - self.bodies.lead(load, now.x, secants)
+        # for given gluing multipliers bodies may move too far, and back again after the next QP
+        self.corrects_motion = self.corrects_motion and now.loose <= HEADWAY * now.last
+        # by the errors of QPs left early, or by starts that answer to the gluing forces of the
+        # iteration before? With neither they must stall again
+        if trace.stalls and not trace.exact:
+            trace.exact, trace.changes = True, []
+        trace.fallback = trace.stalls or self._tired(now, trace)
 
     def _no_further(self, x: np.ndarray, first: np.ndarray) -> np.ndarray:
         """x, or the `first` multipliers of the step where those in x have grown beyond all bounds.
