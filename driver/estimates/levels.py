@@ -168,7 +168,7 @@ class Levels:
         solver = problem.solver(settings, times, plan)
         record, steps, watch = Record(problem.operator, solver), [], self.watch
         if watch:
-            watch.begin(len(times) - 1)
+            watch.begin(solver.total)
         try:
             for step in solver.steps():
                 record.add(step)

@@ -55,8 +55,9 @@ class Cycles:
 
     @property
     def total(self) -> int:
-        """Steps of the whole history."""
-        return self.begin + self.length * (self.count - sum(self.past.plan))
+        """Steps of the whole history, but for cycles that are known to be skipped."""
+        skipped = self.past.plan if self.given is None else self.given
+        return self.begin + self.length * (self.count - sum(skipped))
 
     def _extend(self, solver) -> None:
         """The cycle at hand and the next one, which loads to come are judged by."""

@@ -72,6 +72,11 @@ class QuasistaticSolver:
         if cycles is not None:
             cycles.join(self)
 
+    @property
+    def total(self) -> int:
+        """Steps of the whole history, with all cycles."""
+        return len(self.times) - 1 if self.cycles is None else self.cycles.total
+
     def _attach(self, bound: float | None = None) -> None:
         """Make what solves steps with the operator's rows; `bound` as FrictionQP takes it."""
         operator = self.operator

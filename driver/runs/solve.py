@@ -204,8 +204,7 @@ def _march(directory: Path, request: Request, problem: Problem, solver: Quasista
         estimator.consider(step, *writer.add(step, replayed=True))
     resumed, before = history.steps, history.seconds + history.examining
     with agreed_writes(comm):
-        total = problem.manifest.steps if solver.cycles is None else solver.cycles.total
-        progress = _progress(directory, request, problem, total, resumed, comm)
+        progress = _progress(directory, request, problem, solver.total, resumed, comm)
 
     def add(step: Step) -> None:
         with agreed_writes(comm):

@@ -5,12 +5,16 @@ import types
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 from driver.effects.cycles import Room
 from driver.errors import InputError
+from driver.estimates.levels import Levels
 from driver.files import read_table
 from driver.march.cycle_verdict import Choice, Past, geometric, judged, limit
 from driver.march.cycles import Cycles
+from driver.march.problem import assemble
+from driver.options import Settings
 
 TIGHT = {"rtol": 1e-11, "friction_rtol": 1e-10, "primal_rtol": 1e-9}
 E, NU, P, F, U0, HEIGHT, WIDTH = 1000.0, 0.3, 4.0, 0.4, 0.02, 1.0, 2.0
@@ -73,9 +77,15 @@ def jenkins(cycles: int, steps: int, k: float = 0.0, held: float = 0.0):
 # ---------------------------------------------------------------------------- closed form
 
 @pytest.fixture(scope="module")
-def strip(solved, named_scene):
+def strip_scene(named_scene):
+    """The strip, once for all tests of it."""
+    return named_scene("strip", STRIP)
+
+
+@pytest.fixture(scope="module")
+def strip(solved, strip_scene):
     """The strip in four cycles of eight steps."""
-    return solved(named_scene("strip", STRIP), cells=2, steps=10, **TIGHT)
+    return solved(strip_scene, cells=2, steps=10, **TIGHT)
 
 
 def test_a_sheared_strip_slips_to_and_fro(strip):
@@ -166,10 +176,23 @@ def test_what_is_to_come_is_told_from_two_changes_without_a_jump(changes, plan, 
     assert found.remaining == pytest.approx(remaining)
 
 
-def test_a_history_is_as_long_as_its_cycles_that_are_computed():
-    """Two steps, then five cycles of eight, of which three are jumped over."""
-    cycles = types.SimpleNamespace(begin=2, length=8, count=5, past=Past(plan=[0, 3]))
+@pytest.mark.parametrize("jumped, given", [([0, 3], None), ([0], [0, 3])])
+def test_a_history_is_as_long_as_its_cycles_that_are_computed(jumped, given):
+    """Two steps, then five cycles of eight, of which three are jumped over, as known or given."""
+    cycles = types.SimpleNamespace(begin=2, length=8, count=5, past=Past(plan=jumped), given=given)
     assert Cycles.total.fget(cycles) == 2 + 8 * 2
+
+
+@pytest.mark.parametrize("stride, steps", [(1, 34), (2, 17)])
+def test_a_companion_is_announced_with_the_steps_of_all_its_cycles(exported, strip_scene, stride,
+                                                                   steps):
+    levels, announced = Levels(strip_scene, {}, None, MPI.COMM_SELF, Settings()), []
+    problem = assemble(exported(strip_scene, cells=2, steps=10), MPI.COMM_SELF)
+    levels.watch = types.SimpleNamespace(begin=announced.append, end=lambda: None,
+                                         update=lambda: announced.append("step"))
+    levels.problems[()] = problem
+    levels.run(Settings(), stride, [0] * 4)
+    assert announced == [steps, *["step"] * steps]
 
 
 @pytest.mark.parametrize("given, settles, settled, warned", [
