@@ -8,6 +8,7 @@ least distance (qp/least_distance.py).
 """
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -19,6 +20,8 @@ from ..qp.least_distance import least_distance
 NOISE = 20.0  # times the tolerance of displacements: distances and slips beyond that are some
 LEAST = 1e-6  # of the deformation, likewise, where tolerances are finer
 SLIGHT = 1e-9  # part of the forces by which a law may be missed: rounding
+FEWER = 0.1  # of the forces, by which they are chosen again
+MOST = 6  # nodes of a junction that press or pull, of which all signs are tried
 UNKNOWN = 1e-3  # weight of forces beside which there is no node
 
 
@@ -78,46 +81,88 @@ def _nearest(junction: Junction, force, moved, F, c, bilateral, wears, near,
 
     `moved` (k, 2) are distances and slips, zero where they are none.
     """
-    largest, k = np.abs(force).max(), len(force)
-    if largest == 0:
+    if not force.any():
         return force
     way = np.where(force[:, 1] != 0, np.sign(force[:, 1]), -np.sign(moved[:, 1]))
     slides = (np.abs(force[:, 1]) >= (1 - SLIGHT) * (F * np.abs(force[:, 0]) + c)) & (
         moved[:, 1] != 0)
     opened = ~bilateral & (force[:, 0] == 0) & (moved[:, 0] > 0)
-    sign = np.where(bilateral & (force[:, 0] < 0), -1.0, 1.0)
-    present, most = force.ravel() / largest, []
-    unit = np.eye(2 * k)
-    for i, (p, q) in enumerate(zip(unit[::2], unit[1::2])):
-        most += [(side * q - F[i] * sign[i] * p, c[i] / largest) for side in (1.0, -1.0)]
-        if not bilateral[i] or F[i] > 0:
-            most.append((-sign[i] * p, 0.0))
-        if slides[i]:
-            most.append((F[i] * sign[i] * p - way[i] * q, -c[i] / largest))
-        if opened[i] or wears[i] and slides[i]:
-            most += [(side * p, side * p @ present) for side in (1.0, -1.0)]
-    moves = _chosen(junction, np.array([row for row, _ in most]),
-                    np.array([value for _, value in most]), present,
-                    near.ravel() / largest - present, np.repeat(np.where(known, 1.0, UNKNOWN), 2))
-    if moves is None:
+    held = opened | wears & slides
+    weight = np.repeat(np.where(known, 1.0, UNKNOWN), 2)
+    found, least = None, np.inf
+    for sign in _signs(bilateral, F, force[:, 0]):
+        laws = _laws(sign, way * slides, np.where(held, force[:, 0], np.nan), F, c)
+        chosen = _chosen(junction, *laws, force.ravel(), near.ravel(), weight)
+        if chosen is None:
+            continue
+        off = np.linalg.norm(weight * (chosen - near.ravel()))
+        if off < (1 - SLIGHT) * least:
+            found, pressing, least = chosen, sign, off
+    if found is None:
         return force
-    p, q = largest * (present + moves).reshape(-1, 2).T
-    p = np.where(opened | ((p * sign <= 0) & (~bilateral | (F > 0))), 0.0, p)
+    p, q = found.reshape(-1, 2).T
+    p = np.where(opened | (p * pressing < 0), 0.0, p)
     bound = F * np.abs(p) + c
     inside = (1 - SLIGHT) * bound  # what does not slide is not said to
     return np.column_stack([p, np.where(slides, way * bound, np.clip(q, -inside, inside))])
 
 
-def _chosen(junction: Junction, A, b, present, aim, weight) -> np.ndarray | None:
-    """Change N y of the forces `present` (2 k,) that is nearest to `aim` by `weight` (2 k,), so
-    that A (present + N y) <= b; None if there is none.
+def _signs(bilateral: np.ndarray, F: np.ndarray, pressure: np.ndarray):
+    """(k,) signs of normal forces in turn, 1 or -1; 0 for those that no law tells from one another.
+
+    Friction of what may press and pull has two cones: all combinations of them, but where they
+    are too many those of the `pressure` (k,) that there is.
+    """
+    sign = np.where(bilateral, np.where(F > 0, np.where(pressure < 0, -1.0, 1.0), 0.0), 1.0)
+    either = np.flatnonzero(bilateral & (F > 0))
+    if len(either) > MOST:
+        return [sign]
+    return [_with(sign, either, signs) for signs in product((1.0, -1.0), repeat=len(either))]
+
+
+def _with(values: np.ndarray, places: np.ndarray, others) -> np.ndarray:
+    """`values` with `others` in their `places`."""
+    values = values.copy()
+    values[places] = others
+    return values
+
+
+def _laws(sign, way, held, F, c) -> tuple[np.ndarray, np.ndarray]:
+    """A (m, 2 k) and b (m,) of A f <= b: what the laws demand of forces f of k nodes.
+
+    `sign` of normal forces, as from `_signs`; `way` of slips that stay slips, else 0; `held` are
+    normal forces that stay, else NaN.
+    """
+    most, unit = [], np.eye(2 * len(sign))
+    for i, (p, q) in enumerate(zip(unit[::2], unit[1::2])):
+        most += [(side * q - F[i] * sign[i] * p, c[i]) for side in (1.0, -1.0)]
+        most.append((-sign[i] * p, 0.0))
+        if way[i]:
+            most.append((F[i] * sign[i] * p - way[i] * q, -c[i]))
+        if not np.isnan(held[i]):
+            most += [(side * p, side * held[i]) for side in (1.0, -1.0)]
+    return np.array([row for row, _ in most]), np.array([value for _, value in most])
+
+
+def _chosen(junction: Junction, A, b, present, near, weight) -> np.ndarray | None:
+    """The forces f = `present` + N y (2 k,) nearest to those `near` by `weight`, so that A f <= b.
+
+    None if there are none. What of a law is rounding is a part of the forces: where those that are
+    present are far larger than the ones chosen, as those of jammed bodies, they are chosen again.
     """
     free = np.zeros((len(present), junction.free.shape[1]))
     free[junction.rows] = junction.free
     free = free @ np.linalg.inv(np.linalg.qr(weight[:, None] * free)[1])  # orthonormal by weight
-    best = free.T @ (weight**2 * aim)
-    step = least_distance(A @ free, b + SLIGHT - A @ (present + free @ best))
-    return None if step is None else free @ (best + step)
+    chosen, largest, before = None, np.abs(present).max(), np.inf
+    while 0 < largest < FEWER * before:
+        best = free.T @ (weight**2 * (near - present))
+        left = b - A @ (present + free @ best)
+        step = least_distance(A @ free, left / largest + SLIGHT)
+        if step is None:
+            break
+        chosen = present = present + free @ (best + largest * step)
+        largest, before = np.abs(present).max(), largest
+    return chosen
 
 
 def junction_forces(structure, rows, law, effects, comm) -> JunctionForces | None:

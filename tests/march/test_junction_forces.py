@@ -109,13 +109,15 @@ def test_without_bodies_that_meet_there_are_none(built):
         assert junctions(contact, np.zeros(0, int), np.zeros(len(contact.gid), bool)) == []
 
 
-def nearest(force, moved, near, F=0.3, wears=False, known=True):
+# what the pair presses, the floor takes as friction under both; and its friction as pressure
+FREE = np.array([[0, 1], [1, 0], [0, -1], [-1, 0], [1, 0], [0, 1.0]]) / np.sqrt(3)
+
+
+def nearest(force, moved, near, F=0.3, wears=False, known=True, bilateral=False):
     """Forces of three nodes of which the first two stand on a floor, the third between them."""
-    # what the pair presses, the floor takes as friction under both; and its friction as pressure
-    free = np.array([[0, 1], [1, 0], [0, -1], [-1, 0], [1, 0], [0, 1.0]]) / np.sqrt(3)
     return junction_forces._nearest(
-        Junction(np.arange(3), np.arange(6), free), np.array(force), np.array(moved),
-        np.full(3, F), np.zeros(3), np.zeros(3, bool), np.full(3, wears), np.array(near),
+        Junction(np.arange(3), np.arange(6), FREE), np.array(force), np.array(moved),
+        np.full(3, F), np.zeros(3), np.full(3, bilateral), np.full(3, wears), np.array(near),
         np.full(3, known))
 
 
@@ -137,6 +139,19 @@ def test_forces_are_as_near_to_those_beside_as_the_laws_allow():
     assert total(found) == pytest.approx(total(force), abs=1e-7)
     assert (np.abs(found[:, 1]) <= 0.3 * found[:, 0] + 1e-12).all()
     assert np.abs(found[0, 1]) == pytest.approx(0.3 * found[0, 0])
+
+
+@pytest.mark.parametrize("bilateral", [False, True])
+@pytest.mark.parametrize("around", [[-0.3, 0.2], [-5.0, 2.0], [4e8, 3e8], [-2e7, 1e8]])
+def test_forces_that_a_solver_leaves_going_around_do_not_count(around, bilateral):
+    """However large, of either sign: jammed bodies, and bilateral contact, whose cones are two."""
+    force, still = np.array([[2.0, 0.1], [3.0, 0.2], [0.5, 0.1]]), np.zeros((3, 2))
+    aim = force + [[0, 3], [0, -3], [-3, 0.0]]
+    one = nearest(force, still, aim, bilateral=bilateral)
+    other = nearest(force + (FREE @ around).reshape(3, 2), still, aim, bilateral=bilateral)
+    rounded = 1e-7 + 1e-15 * np.abs(around).max()
+    np.testing.assert_allclose(other, one, atol=rounded)
+    assert total(other) == pytest.approx(total(force), abs=rounded)
 
 
 def test_what_slides_and_what_is_open_stay_so():
