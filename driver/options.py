@@ -206,7 +206,8 @@ SETTINGS = (
            "contact between bodies about the initial geometry, or updated once about the "
            "displacements of a first run; not with largeSliding, whose contact follows"),
     Option("uniqueness", choice("auto", "yes", "no"), "auto", SOLVER, SOLVING, "look for other "
-           "solutions of every step; auto: where few contact nodes, friction or doubt suggest it"),
+           "solutions of every step; auto: where few contact nodes, friction or doubt suggest it, "
+           "up to the first step that has some"),
     Option("cycles", CYCLES, EVERY, SOLVER, SOLVING,
            "of a history that is repeated: another number of cycles, an end where they have "
            "settled, or jumps over cycles where what grows does so steadily, each jump erring by "

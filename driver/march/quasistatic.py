@@ -61,7 +61,9 @@ class QuasistaticSolver:
         self.history.counts["dual_multiplications_setup"] = operator.products
         own = 0.0 if self.rows.bound_is_given else float(self.rows.coefficient.max(initial=0))
         self.largest_friction = operator.comm.allreduce(own, op=MPI.MAX)
-        self.uniqueness, self.doubtful = Uniqueness(self.largest_friction > 0), False
+        self.uniqueness = Uniqueness(self.largest_friction > 0,
+                                     first_only=settings.uniqueness == "auto")
+        self.doubtful = False
         self.loads = [self._size(index) for index in range(1, len(times))]
         # of the last step and of the one before: rigid motions (modes,), multipliers (owned,)
         self.motion = self.older_motion = np.zeros(operator.modes)
@@ -352,8 +354,7 @@ class QuasistaticSolver:
         # a run is examined or it is not: all nodes count, also those that face nothing in this step
         count = np.count_nonzero(self.operator.structure.contact.normal_row >= 0)
         self.doubtful = self.doubtful or trace.fallback
-        if not search.frictional or search.failure or (
-                not worthwhile(choice, count, self.largest_friction, self.doubtful)):
+        if search.ended or not worthwhile(choice, count, self.largest_friction, self.doubtful):
             return
         search.failure = (CHANGING if self.effects.coefficient_changes else
                           YIELDING if self.effects.closes else too_many(count))

@@ -55,6 +55,12 @@ class Uniqueness:
     exhaustive: int = 0
     several: dict[int, list[dict]] = field(default_factory=dict)  # by step, the followed one first
     failure: str = ""
+    first_only: bool = False  # no step after the first one that has others is examined
+
+    @property
+    def ended(self) -> bool:
+        """Whether no more is looked for."""
+        return bool(not self.frictional or self.failure or self.first_only and self.several)
 
     def examine(self, step: int, problem: CoulombProblem, x: np.ndarray,
                 weight: np.ndarray, whole: bool = True, least: float = 0.0) -> None:
@@ -110,8 +116,9 @@ class Uniqueness:
             step, solutions = next(iter(self.several.items()))
             named = "; ".join(_phrase(s) for s in solutions)
             others = " and others" if len(self.several) > 1 else ""
-            lines.append(f"step {step}{others}: the solution is not unique; followed is the first "
-                         f"of: {named}")
+            more = " (UNIQUENESS=yes examines later steps as well)" if self.first_only else ""
+            lines.append(f"step {step}{others}: the solution is not unique{more}; followed is the "
+                         f"first of: {named}")
         return lines
 
 

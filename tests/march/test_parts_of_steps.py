@@ -545,6 +545,9 @@ def test_what_is_said_of_other_solutions():
     assert found.warnings()[0].startswith("step 2 and others: ")
     assert found.verdict == "not unique" and found.summary()["steps_not_unique"] == [2, 5]
     assert found.summary()["solutions"] == found.several[2]
+    assert not found.ended and "UNIQUENESS" not in found.warnings()[0]
+    asked_by_doubt = Uniqueness(True, examined=3, several={2: found.several[2]}, first_only=True)
+    assert asked_by_doubt.ended and "UNIQUENESS=yes" in asked_by_doubt.warnings()[0]
     failed = Uniqueness(True, examined=1, exhaustive=1, failure="too many")
     assert failed.verdict == "not examined" and "too many" in failed.warnings()[0]
     assert Uniqueness(False).verdict == "unique"
