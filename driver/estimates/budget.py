@@ -334,7 +334,7 @@ def describe(errors: dict, units: dict, time: float | None = None,
                      {name: entry["total"] for name, entry in budget.items()})
     for name, entry in budget.items():
         if name in zero:
-            error = "" if entry["total"] is None else f"  within {entry['total']:.1g}"
+            error = "" if entry["total"] is None else f"  within {entry['total']:.2g}"
             lines.append(f"{heads[name]:{width}s}{'about 0':>12s}{error}")
             continue
         cells = [share(entry[s], entry["value"]) if s in entry else "" for s in (*sources, "total")]
