@@ -1,0 +1,71 @@
+"""Figures drawn by several processes: each once, and what one cannot draw is drawn by another."""
+
+import multiprocessing
+import os
+import signal
+
+import pytest
+
+from driver.figures import at_once
+
+NAMES = ["geometry", "loading", "deformed", "history", "convergence"]
+
+
+@pytest.fixture
+def noted(tmp_path):
+    """noted(name): leaves a file of this name in which the process stands, a line for every time.
+    """
+    def note(name: str) -> None:
+        with open(tmp_path / name, "a", encoding="utf-8") as file:
+            file.write(f"{os.getpid()}\n")
+
+    note.read = lambda: {path.name: path.read_text().split() for path in tmp_path.iterdir()}
+    return note
+
+
+@pytest.mark.parametrize("cores, processes", [(1, 1), (2, 2), (3, 3), (9, 5)])
+def test_every_figure_is_drawn_once(noted, cores, processes):
+    at_once.draw(noted, NAMES, cores)
+    drawn = noted.read()
+    assert sorted(drawn) == sorted(NAMES) and all(len(by) == 1 for by in drawn.values())
+    assert len({by[0] for by in drawn.values()}) == processes
+
+
+def test_no_figure_is_none():
+    at_once.draw(None, [])
+
+
+def fail(_name: str) -> None:
+    """As drawing does for want of memory."""
+    raise MemoryError
+
+
+@pytest.mark.parametrize("end", [fail, lambda _: os.kill(os.getpid(), signal.SIGKILL),
+                                 lambda _: os.kill(os.getpid(), signal.SIGTERM)])
+def test_what_another_process_cannot_draw_is_drawn_here(noted, capfd, end):
+    here = os.getpid()
+    at_once.draw(lambda name: (noted if os.getpid() == here else end)(name), NAMES, 3)
+    assert noted.read() == {name: [str(here)] for name in NAMES}
+    assert capfd.readouterr() == ("", "")
+
+
+def test_where_there_is_no_process_more_all_are_drawn_here(noted, monkeypatch):
+    def refuse(_process) -> None:
+        raise BlockingIOError(11, "Resource temporarily unavailable")
+
+    monkeypatch.setattr(at_once.FORK.Process, "start", refuse)
+    at_once.draw(noted, NAMES, 2)
+    assert noted.read() == {name: [str(os.getpid())] for name in NAMES}
+
+
+def test_an_error_is_that_of_this_process_and_leaves_no_process_behind():
+    here = os.getpid()
+
+    def wait(name: str) -> None:
+        if os.getpid() != here:
+            signal.pause()
+        raise ValueError(name)
+
+    with pytest.raises(ValueError, match="geometry"):
+        at_once.draw(wait, NAMES, 2)
+    assert not multiprocessing.active_children()
