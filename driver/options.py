@@ -142,7 +142,7 @@ RUNS = (
                      "adapt", "quantity")),
     Option("quantity", text("name"), "", Reader.ESTIMATES, SINGLE,
            "quantity of interest whose next digits a run names the price of",
-           "the first whose error is known and which the loads do not give"),
+           "the first with a known error that is not 0 and which the loads do not give"),
     Option("without", NAMES, (), EXPORT, (*SINGLE, "study"), "effects of the scene that are "
            "treated as undeclared: friction, gap, load2, quasistatic, ...", "none"),
     Option("errors", choice("yes", "energy", "no"), "yes", Reader.ESTIMATES, SINGLE,

@@ -221,8 +221,9 @@ class Alternatives:
 
 def price_list(companions, parts: dict, budget: dict, name: str, run: Measured, memory: float,
                idle: float, spent=None) -> dict:
-    """Entry `prices` for the quantity `name`, by default the first with an error, of resultants
-    that the loads give only where there is no other; collective.
+    """Entry `prices` for the quantity `name`, by default the first with a known error, if
+    there is one that is not zero, of resultants that the loads give only where there is no other;
+    collective.
 
     `parts` and `budget` by quantity; `run`: what the run took; `memory`, `idle`: MiB of it, and
     before it; `spent()`: seconds of the estimates so far, by default predicted like all others.
@@ -233,7 +234,8 @@ def price_list(companions, parts: dict, budget: dict, name: str, run: Measured, 
         known = [q for q in budget if errors[q] is not None and q not in zero]
         given = by_balance(values, parts["mesh"]) if parts else set()
         other = [q for q in known if q not in given]
-        name = next(iter(other or known or budget))
+        wrong = [q for q in other if errors[q]]  # contact all along a boundary is exact
+        name = next(iter(wrong or other or known or budget))
     head = {"quantity": name, "value": values[name], "error": errors[name], "lines": []}
     words = name.replace("_", " ")
     if errors[name] is None:

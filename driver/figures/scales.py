@@ -19,7 +19,7 @@ class Scale(NamedTuple):
 def scale_for(unit: str, values) -> Scale:
     """Scale that brings `values` between 1 and 1000, with an SI prefix if the unit is known."""
     values = np.abs(np.asarray(values, dtype=float))
-    peak = values.max(initial=0.0)
+    peak = float(f"{values.max(initial=0.0):.3g}")  # as it is written: 0.9999 MPa is not 1000 kPa
     known, base = split_unit(unit)
     thousands = 3 * math.floor(math.log10(peak * 10**known) / 3 + 1e-12) if peak > 0 else known
     if base:

@@ -14,7 +14,7 @@ JOINTS, WEAR, HELD = "joints", "wear", "held"  # in what `ContactState.evaluate`
 AXIS = 1e-6  # part of the largest coordinate that is on the axis
 ACROSS = 1e-6  # component of a tangent that is none
 SLID = "slip_law.accumulated_slip"  # of what a cycle hands on
-SLIDES = 1e-9  # part of the largest slip that is rounding
+SLIDES = 1e-9  # part of the largest slip or displacement that is rounding
 
 
 def less_wear(states: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -42,14 +42,15 @@ def held_along(b, constrained: np.ndarray) -> np.ndarray:
     return without_row(b) & (constrained | (np.abs(b.tangent) < ACROSS)).all(axis=1)
 
 
-def friction_of_held(held: np.ndarray, bound: np.ndarray, slip: np.ndarray,
-                     before: np.ndarray) -> np.ndarray:
+def friction_of_held(held: np.ndarray, bound: np.ndarray, slip: np.ndarray, before: np.ndarray,
+                     reach: float) -> np.ndarray:
     """(n_c,) tangential forces of the nodes that are `held` along the boundary, zero of others.
 
     What holds them prescribes their slip and takes the friction, on which no deformation depends:
-    the `bound` (n_c,) against the `slip` (n_c,); where that is zero what it was `before`.
+    the `bound` (n_c,) against the `slip` (n_c,); where that is zero, but for the rounding of
+    displacements up to `reach`, what it was `before`.
     """
-    size = np.abs(slip).max(initial=0.0)
+    size = max(reach, np.abs(slip).max(initial=0.0))
     moves = np.abs(slip) > SLIDES * size
     return np.where(held, np.where(moves, np.sign(slip) * bound, np.clip(before, -bound, bound)),
                     0.0)
@@ -148,7 +149,7 @@ class ContactState:
         joints, values = values[0, len(b.gid):], values[:, : len(b.gid)]
         moved = self._nodal(displacements)
         u = self._jump(moved)
-        u_n, elastic = (u * b.normal).sum(axis=1), (u * b.tangent).sum(axis=1)
+        u_n, elastic = (u * b.normal).sum(axis=1), (u * self._tangent()).sum(axis=1)
         weights = step.weights[: len(self._travel)]
         carried = np.tensordot(weights, self._travel, axes=1)
         u_n, u_t = u_n + (carried * b.normal).sum(axis=1), elastic + self._carried_t(weights)
@@ -158,7 +159,7 @@ class ContactState:
         if self.solver.cycles is not None and step.index == self.solver.cycles.begin + 1:
             self._begun = self._handed_on()
         if follows:  # along the tangents of now
-            self._elastic = (self._jump(self._before) * b.tangent).sum(axis=1)
+            self._elastic = (self._jump(self._before) * self._tangent()).sum(axis=1)
         slip = elastic - self._elastic + self._carried_t(weights - self._weights)
         slip -= b.way(self._time, step.time)
         self._time = step.time
@@ -167,7 +168,8 @@ class ContactState:
             alone = b.tangential_row < 0
             values[2, alone] = self._bound(values[0], slip)[alone]
             held = held_along(b, self.constrained)
-            self._held = friction_of_held(held, values[2], slip, self._held)
+            reach = self._reach(moved, weights)
+            self._held = friction_of_held(held, values[2], slip, self._held, reach)
             values[1] += self._held
             values[3, held & (values[3] != OPEN) & (np.abs(self._held) >= values[2])] = SLIP
         more = {} if self.worn is None else {WEAR: self._wear(slip, values[0])}
@@ -215,7 +217,21 @@ class ContactState:
     def _carried_t(self, weights: np.ndarray) -> np.ndarray:
         """(n_c,) tangential displacements by travel with pattern factors `weights`."""
         carried = np.tensordot(weights, self._travel, axes=1)
-        return (carried * self.boundary.tangent).sum(axis=1)
+        return (carried * self._tangent()).sum(axis=1)
+
+    def _tangent(self) -> np.ndarray:
+        """(n_c, 2) tangents, of nodes held along the boundary less what rounding has tilted them.
+
+        What they move by along the normal is no slip: all that holds them would be friction.
+        """
+        b = self.boundary
+        tilted = held_along(b, self.constrained)[:, None] & (np.abs(b.tangent) < ACROSS)
+        return np.where(tilted, 0.0, b.tangent)
+
+    def _reach(self, moved: np.ndarray, weights: np.ndarray) -> float:
+        """Largest displacement of a vertex, `moved` (k, 2) or travelling with pattern `weights`."""
+        travelled = (weights[k] * unit for k, unit in self._travelled.items())
+        return max(np.abs(of).max(initial=0.0) for of in (moved, *travelled))
 
     def _jump(self, moved: np.ndarray) -> np.ndarray:
         """(n_c, 2) displacement of the contact nodes, between bodies the jump.

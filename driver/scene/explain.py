@@ -37,8 +37,8 @@ MEANINGS = (
     (r"boundary is crossing", "borders that cross one another"),
     (r"wrong direction", "a border that runs the wrong way round, as the body must lie on its "
                          "left, or one without elements: is the element size (H) too large?"),
-    (r"Assertion fail", "a mesh that FreeFEM cannot work with: triangles that are flat, vertices "
-                        "that are no numbers or coincide"),
+    (r"Assertion fail|missing vertices", "a mesh that FreeFEM cannot work with: triangles that are "
+                                         "flat or overlap, vertices that coincide or are NaN"),
     (r"(?s:mesh generator.*call gmshBody)", "triangles or edges that are there twice or overlap, "
                                             f"as of bodies in one file: {APART}"),
     (r"mesh generator", "a mesh with triangles or edges that are there twice, overlap, are flat or "

@@ -42,6 +42,9 @@ def test_bodies_that_stay_unbalanced_are_named():
         _way=lambda load, x, body: f"body {body + 1} is pulled")
     said = FreeBodies.why_unbalanced(bodies, None, None)
     assert "20 % of the forces on bodies 1, 3, which" in said and "body 1 is pulled" in said
+    bodies._shares = lambda load, x: np.array([1.0, 0.01, 0.002, 0.03])
+    assert "rub, 100 % of the forces on body 1, which" in FreeBodies.why_unbalanced(
+        bodies, None, None)
 
 
 def test_the_loads_resultant_is_that_of_one_body_along_its_free_motions():

@@ -340,6 +340,16 @@ def test_prices_are_not_those_of_a_force_that_loads_give(monkeypatch, error, fir
         assert found["quantity"] == name
 
 
+def test_prices_are_not_those_of_what_is_exact(monkeypatch):
+    """Contact all along a boundary has no error; where nothing has one the first is named."""
+    monkeypatch.setattr(alternatives, "_predicted", lambda *_: [])
+    exact = {"contact_length": {"value": 2.0, "total": 0.0}}
+    for budget_, name in ((exact | {"slip": {"value": 2.0, "total": 0.1}}, "slip"),
+                          (exact, "contact_length")):
+        found = alternatives.price_list(SimpleNamespace(), {}, budget_, "", None, 1.0, 1.0)
+        assert found["quantity"] == name
+
+
 def test_errors_of_coarser_meshes_add_up_to_one_that_failed():
     """The run's, and the distance from mesh to mesh in the same steps."""
     of = object.__new__(alternatives.Alternatives)

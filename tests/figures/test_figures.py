@@ -695,7 +695,7 @@ def test_flat_bodies_are_as_wide_as_the_page(high):
     ("m", 3e-4, "µm", 300),
     ("mm", 120.0, "mm", 120), ("mm", 3e-3, "µm", 3), ("N/m", 2e6, "MN/m", 2),
     ("1", 0.5, "–", 0.5),
-    ("psi", 3e5, r"$10^{3}$ psi", 300), ("Pa", 0.0, "Pa", 0)])
+    ("psi", 3e5, r"$10^{3}$ psi", 300), ("Pa", 0.0, "Pa", 0), ("MPa", 0.9999, "MPa", 0.9999)])
 def test_scales(unit, peak, label, shown):
     scale = scales.scale_for(unit, [peak, -peak / 2])
     assert scale.label == label and scale.factor * peak == pytest.approx(shown)

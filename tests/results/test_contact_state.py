@@ -39,7 +39,7 @@ def made(rng, worn=False) -> ContactState:
     of.solver = SimpleNamespace(initial=rng.random(n), initial_weights=np.array([0.5, 0.0]),
                                 cycles=None, effects=SimpleNamespace(coefficient_changes=False))
     of._travel, of._term, of._nodal = rng.random((2, n, 2)), np.arange(k), lambda moved: moved
-    of._value = np.tile(b.term_value, (2, 1)).T
+    of._value, of._travelled = np.tile(b.term_value, (2, 1)).T, {}
     of._weights, of._time, of._before = None, 0.0, None
     of.worn = np.zeros(n) if worn else None
     of.constrained, of._held = np.zeros((n, 2), bool), np.zeros(n)
@@ -126,8 +126,26 @@ def test_held_nodes_obey_laws_of_their_way():
 def test_friction_of_held_nodes_stays_where_they_stop():
     """Against the slip, up to the bound; what nothing holds has its own."""
     held, bound = np.array([True, True, True, False]), np.array([2.0, 2.0, 0.5, 2.0])
-    found = friction_of_held(held, bound, np.array([0.1, -0.1, 0.0, 0.1]), np.ones(4))
+    found = friction_of_held(held, bound, np.array([0.1, -0.1, 0.0, 0.1]), np.ones(4), 1.0)
     np.testing.assert_array_equal(found, [2.0, -2.0, 0.5, 0.0])
+    # all stick, and slips are the rounding of displacements
+    found = friction_of_held(held, bound, 1e-17 * np.array([1.0, -1.0, 0.0, 3.0]), np.zeros(4), 1.0)
+    np.testing.assert_array_equal(found, 0.0)
+
+
+def test_no_friction_comes_of_a_tangent_that_rounding_has_tilted():
+    """At the end of a round boundary on a line of symmetry: it moves along the normal alone."""
+    of = made(np.random.default_rng(8))
+    b = of.boundary
+    b.tangential_row[1], of.constrained[1] = -1, [True, False]
+    b.tangent[1], b.normal[1] = [1.0, 2e-7], [-2e-7, 1.0]
+    b.way = lambda before, now: np.zeros(3)
+    of.solver.initial, of._travel[:] = np.zeros(3), 0.0
+    of.rows.tangential, of.rows.tangential_node = np.array([3, 5]), np.array([0, 2])
+    moved = np.array([[0.0, 1.0], [0.0, 0.5], [0.0, 0.25]] * 3)
+    found = of.evaluate(step(1.0, np.ones(6), np.zeros(2), friction_bound=np.ones(2)), moved)
+    assert found[C.SIGMA_T][1] == found[C.SLIP][1] == 0.0 and found[C.U_N][1] == 0.625
+    assert found[C.STATUS][1] == 1
 
 
 def test_nodes_on_an_axis_are_held_by_no_support():

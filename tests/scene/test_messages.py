@@ -661,6 +661,15 @@ def test_a_line_of_the_library_is_none_of_the_scene(tmp_path, number, where):
     assert message.startswith(f"FreeFEM failed in {where}(exit 5)")
 
 
+def test_triangles_that_overlap_are_said_to(tmp_path):
+    """A file of a mesh with a node beyond its neighbours, as readmesh sees it."""
+    path = tmp_path / "mine.edp"
+    path.write_text("mesh Th = readmesh(name);\n")
+    printed = "Exec error :  Buildmesh : bamg2msh missing vertices\ncurrent line = 1\n"
+    assert "triangles that are flat or overlap" in explain.failure(printed, 8, path, tmp_path,
+                                                                   lambda: "")
+
+
 def test_what_a_plugin_prints_when_it_is_loaded_is_no_reason(tmp_path):
     path = tmp_path / "mine.edp"
     path.write_text("exit(3);\n")
