@@ -307,7 +307,7 @@ def test_nothing_overlaps_or_leaves_the_page(drawn, name):
 @pytest.mark.parametrize("labels, missing", [
     (2, ""), (6, ""), (7, "not shown: label 7 (see contact.csv)"),
     (13, "not shown: label 7, 8, 9, 10, 11 and 2 more (see contact.csv)")])
-@pytest.mark.some(2)
+@pytest.mark.some(1)
 def test_several_contact_boundaries_have_a_panel_each(tmp_path, labels, missing):
     run = figures.read_run(make_run(tmp_path, steps=3, labels=labels, products=6))
     for name, stacked in (("contact_normal", 2), ("contact_tangential", 2), ("contact_status", 1)):

@@ -39,7 +39,7 @@ def matrices(problem) -> list[np.ndarray]:
 
 
 @pytest.mark.parametrize("name", SCENES)
-@pytest.mark.some(2)
+@pytest.mark.some(1)
 def test_all_some_or_nothing_ahead_have_the_same_bits(exported, made, name):
     """And nothing is eliminated twice: a record says all that the rim needs."""
     export = exported(name, subdomains=7, steps=1)

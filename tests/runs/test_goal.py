@@ -51,7 +51,7 @@ def test_requests_are_read():
 # slow: 3 % lies between requests that are tried
 @pytest.mark.parametrize("asked", [0.1, pytest.param(0.03, marks=pytest.mark.slow), 0.01])
 @pytest.mark.parametrize("scene, quantity", EXACT)
-@pytest.mark.some(4)
+@pytest.mark.some(2)
 def test_the_true_error_meets_the_request(solved, scene, quantity, asked):
     met(solved(scene, accuracy=f"{asked},{quantity}"), quantity, EXACT[scene, quantity], asked)
 

@@ -1,7 +1,7 @@
 """Random input: command-line words, manifests and binary records either work or are refused by a
 DriverError.
 
-Each target has 100 cases here and 2,000 in the long tests.
+Each target has 50 cases here and 2,000 in the long tests.
 """
 
 import contextlib
@@ -21,7 +21,7 @@ from driver.runs import run
 from driver.scene import seal
 from driver.errors import DriverError
 
-CASES = pytest.mark.parametrize("cases", [100, pytest.param(2000, marks=pytest.mark.slow)])
+CASES = pytest.mark.parametrize("cases", [50, pytest.param(2000, marks=pytest.mark.slow)])
 pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning")  # absurd numbers overflow
 
 
