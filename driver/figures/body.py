@@ -189,7 +189,7 @@ def _stress(figure: Figure, axes, run: Run, mesh: Mesh, moved: np.ndarray, wide:
 # ---- at the contact ------------------------------------------------------------------------------
 
 def contact_window(run: Run) -> tuple[np.ndarray, float] | None:
-    """Middle (2,) and width of the picture of a contact that is small, None if there is none.
+    """Middle (2,), as displaced, and width of the picture of a contact that is small, else None.
 
     Of several pieces of the boundary it is the one with the largest normal force.
     """
@@ -208,17 +208,18 @@ def contact_window(run: Run) -> tuple[np.ndarray, float] | None:
     if length > SMALL * size:
         return None
     width = ROOM * length if len(closed) > 2 else max(ROOM * length, SMALL * size)
-    return (xy.min(axis=0) + xy.max(axis=0)) / 2, width
+    now = xy + run.last.displacement[cKDTree(run.last.xy).query(xy)[1]]
+    return (now.min(axis=0) + now.max(axis=0)) / 2, width
 
 
 def contact_zoom(figure: Figure, run: Run) -> None:
     """Deformed bodies at a small contact, with the status of its nodes."""
     mesh, (middle, width) = run.last, contact_window(run)
-    near = np.abs(mesh.xy - middle).max(axis=1) < width
+    now = mesh.xy + mesh.displacement
+    near = np.abs(now - middle).max(axis=1) < width
     local = replace(mesh, triangles=mesh.triangles[near[mesh.triangles].any(axis=1)])
     axes, scale = map_axes(figure, run, middle + width * np.array([[-0.5], [0.5]]))
-    moved = (mesh.xy + mesh.displacement) * scale.factor
-    place = (middle + mesh.displacement[near].mean(axis=0)) * scale.factor
+    moved, place = now * scale.factor, middle * scale.factor
     half = width * scale.factor / 2
     draw_obstacles(axes, run, mesh.time, width * scale.factor, scale.factor,
                    np.array([place - half, place + half]), times=1.0)

@@ -1039,6 +1039,10 @@ def test_a_small_contact_has_a_picture_to_scale(tmp_path):
     figure = figures.compose("contact_zoom", run)
     assert np.ptp(figure.axes[0].get_xlim()) == pytest.approx(width, rel=1e-6)
     assert overlaps(figure) == [] and outside(figure) == []
+    run.last.displacement[np.abs(run.last.xy - middle).max(axis=1) < 0.1] += 3.0  # it slides far
+    axes = figures.compose("contact_zoom", run).axes[0]
+    shown = np.mean([axes.get_xlim(), axes.get_ylim()], axis=1)
+    np.testing.assert_allclose(shown, middle + 3.0, atol=1e-6)
 
 
 def test_hertz_has_its_ellipse(tmp_path):
