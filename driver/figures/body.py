@@ -29,6 +29,7 @@ OVERLAP = 0.01  # of the size: bodies may run so far through each other in the p
 ZOOMED = 0.003  # and so far where the contact has a picture of its own
 SMALL = 0.12  # a contact of this part of the size has a picture of its own
 BAR = 40  # length of the bar of colours over its thickness
+INSIDE = 1e-6  # of the size: so far inside a body a vertex is told from another body's
 ROOM = 3.0  # width of that picture over the length of the contact
 
 
@@ -189,7 +190,7 @@ def _stress(figure: Figure, axes, run: Run, mesh: Mesh, moved: np.ndarray, wide:
 # ---- at the contact ------------------------------------------------------------------------------
 
 def contact_window(run: Run) -> tuple[np.ndarray, float] | None:
-    """Middle (2,) and width of the picture of a contact that is small, None if there is none.
+    """Middle (2,), as displaced, and width of the picture of a contact that is small, else None.
 
     Of several pieces of the boundary it is the one with the largest normal force.
     """
@@ -208,17 +209,18 @@ def contact_window(run: Run) -> tuple[np.ndarray, float] | None:
     if length > SMALL * size:
         return None
     width = ROOM * length if len(closed) > 2 else max(ROOM * length, SMALL * size)
-    return (xy.min(axis=0) + xy.max(axis=0)) / 2, width
+    now = xy + run.last.displacement[vertices_of(run.last, select(rows, closed))]
+    return (now.min(axis=0) + now.max(axis=0)) / 2, width
 
 
 def contact_zoom(figure: Figure, run: Run) -> None:
     """Deformed bodies at a small contact, with the status of its nodes."""
     mesh, (middle, width) = run.last, contact_window(run)
-    near = np.abs(mesh.xy - middle).max(axis=1) < width
+    now = mesh.xy + mesh.displacement
+    near = np.abs(now - middle).max(axis=1) < width
     local = replace(mesh, triangles=mesh.triangles[near[mesh.triangles].any(axis=1)])
     axes, scale = map_axes(figure, run, middle + width * np.array([[-0.5], [0.5]]))
-    moved = (mesh.xy + mesh.displacement) * scale.factor
-    place = (middle + mesh.displacement[near].mean(axis=0)) * scale.factor
+    moved, place = now * scale.factor, middle * scale.factor
     half = width * scale.factor / 2
     draw_obstacles(axes, run, mesh.time, width * scale.factor, scale.factor,
                    np.array([place - half, place + half]), times=1.0)
@@ -240,8 +242,22 @@ def _planes(axes, run: Run, mesh: Mesh, moved: np.ndarray, width: float, factor:
     if rows is None:
         return
     closed = select(rows, rows["status"] != "open")
-    node = cKDTree(mesh.xy).query(np.column_stack([closed["x"], closed["y"]]))[1]
-    draw_planes(axes, closed, moved[node], width, factor)
+    draw_planes(axes, closed, moved[vertices_of(mesh, closed)], width, factor)
+
+
+def vertices_of(mesh: Mesh, rows: dict) -> np.ndarray:
+    """(n,) vertices of the contact nodes of `rows` of contact.csv.
+
+    Where two bodies have one in the same place it is that of the body which the normals leave.
+    """
+    corners = mesh.xy[mesh.triangles]
+    inwards = np.zeros(mesh.xy.shape)
+    np.add.at(inwards, mesh.triangles, corners.mean(axis=1, keepdims=True) - corners)
+    inwards /= np.maximum(np.linalg.norm(inwards, axis=1, keepdims=True), 1e-300)
+    little = INSIDE * np.ptp(mesh.xy, axis=0).max()
+    normal = np.column_stack([rows["normal_x"], rows["normal_y"]])
+    places = np.column_stack([rows["x"], rows["y"]]) - little * normal
+    return cKDTree(mesh.xy + little * inwards).query(places)[1]
 
 
 def status_nodes(axes, run: Run, mesh: Mesh, moved: np.ndarray) -> list:
@@ -250,8 +266,7 @@ def status_nodes(axes, run: Run, mesh: Mesh, moved: np.ndarray) -> list:
         return []
     times = run.contact["time"]
     rows = select(run.contact, times == times[np.abs(times - mesh.time).argmin()])
-    places = np.column_stack([rows["x"], rows["y"]])
-    node = cKDTree(mesh.xy).query(places)[1]
+    node = vertices_of(mesh, rows)
     started = mesh.time >= times.min() * (1 - 1e-9)
     for status, colour in STATUS.items():
         own = (rows["status"] == status) & started

@@ -1039,6 +1039,21 @@ def test_a_small_contact_has_a_picture_to_scale(tmp_path):
     figure = figures.compose("contact_zoom", run)
     assert np.ptp(figure.axes[0].get_xlim()) == pytest.approx(width, rel=1e-6)
     assert overlaps(figure) == [] and outside(figure) == []
+    run.last.displacement[np.abs(run.last.xy - middle).max(axis=1) < 0.1] += 3.0  # it slides far
+    axes = figures.compose("contact_zoom", run).axes[0]
+    shown = np.mean([axes.get_xlim(), axes.get_ylim()], axis=1)
+    np.testing.assert_allclose(shown, middle + 3.0, atol=1e-6)
+
+
+def test_a_contact_node_is_a_vertex_of_the_body_that_its_normal_leaves():
+    """Two triangles, one above the other, with two vertices in the same places."""
+    below, above = [[0.0, 0.0], [1.0, 0.0], [0.5, -1.0]], [[0.0, 0.0], [1.0, 0.0], [0.5, 1.0]]
+    for first, second in ((below, above), (above, below)):
+        mesh = SimpleNamespace(xy=np.array(first + second), triangles=np.array([[0, 1, 2],
+                                                                               [3, 4, 5]]))
+        rows = {"x": np.array([0.0, 1.0]), "y": np.zeros(2), "normal_x": np.zeros(2),
+                "normal_y": -np.ones(2)}
+        assert body.vertices_of(mesh, rows).tolist() == ([3, 4] if first is below else [0, 1])
 
 
 def test_hertz_has_its_ellipse(tmp_path):
