@@ -104,6 +104,7 @@ class Caution:
     touch: Touch = field(default_factory=Touch)
     sizes: dict = field(default_factory=dict)  # of adjoint problems, by quantity
     length: float = np.inf  # of the largest body
+    order: float = np.inf  # that tips of cracks leave, see sharp_ends.py
 
     @classmethod
     def of(cls, problem, touch: Touch, sizes: dict, energy: float = 0.0,
@@ -113,7 +114,8 @@ class Caution:
         polygons |= touch.round > 0 and "curved" not in problem.effects
         chords = element != "P1" and polygons
         largest = float(problem.structure.travel.bodies.size.max(initial=0.0)) or np.inf
-        return cls(element, adapted, chords, stiffness(problem), energy, touch, sizes, largest)
+        return cls(element, adapted, chords, stiffness(problem), energy, touch, sizes, largest,
+                   sharp_ends.of_tips(problem, touch))
 
     def parts(self, values: dict, runs: list, ratios: list[float], singular,
               touches: list[Touch] = ()) -> dict[str, Part]:
@@ -122,7 +124,8 @@ class Caution:
         `singular`: quantities at places where they may be infinite; `touches`: contact on the
         meshes, finest first.
         """
-        most = np.inf if self.adapted else sharp_ends.order(list(touches), ratios)
+        most = min(self.order, sharp_ends.order(list(touches), ratios))
+        most = np.inf if self.adapted else most
         changes = {name: [fine[name] - coarse[name] for fine, coarse in runs] for name in values}
         parts = {name: self._part(name, changes[name], ratios, value, name in singular, most)
                  for name, value in values.items()}

@@ -12,6 +12,9 @@ too: of the order 1.1 for a = 0.45, whatever the degree of the elements (Grisvar
 Problems in Nonsmooth Domains, 1985; Babuska, Suri, SIAM Review 36 (1994) 578-632). Coarse meshes
 err by other things that fall faster, and show orders of 2 and more.
 
+At the tip of a closed crack, where contact ends and a tie begins, shear grows like r^-1/2 while
+pressure may be uniform: there the order is 1, whatever pressures say.
+
 Adaptive meshes are graded towards such places, which restores the order.
 """
 
@@ -22,6 +25,7 @@ from ..results.touch import Touch
 PRESSES = 1.0  # pressure at an end over the mean one from which it counts
 LEAST, MOST = 0.1, 0.9  # exponents: pressures that approach a limit may grow as fast as by less;
 # of finite energy are those below 1
+TIP = 1.0  # order that the tip of a crack leaves
 
 
 def growth(fine: Touch, coarse: Touch, ratio: float) -> float:
@@ -44,3 +48,17 @@ def order(touches: list[Touch], ratios: list[float]) -> float:
     exponents = [growth(fine, coarse, r) for fine, coarse, r in zip(touches, touches[1:], ratios)]
     least = min(exponents, default=0.0)
     return 2 * (1 - least) if least > LEAST else np.inf
+
+
+def of_tips(problem, touch: Touch) -> float:
+    """Order that functionals have at most where an end of contact is one of a tie; else inf.
+
+    A tie ends at the place if that is nearer to one of its nodes than the node's part of the tie.
+    """
+    if not len(touch.ends):
+        return np.inf
+    contact = problem.structure.contact
+    labels = [joint.first for joint in problem.effects.joints if not joint.periodic]
+    tied = contact.is_joint & np.isin(contact.label, labels)
+    away = np.linalg.norm(touch.ends[:, None, :2] - contact.xy[tied], axis=2)
+    return TIP if (away <= contact.weight[tied]).any() else np.inf

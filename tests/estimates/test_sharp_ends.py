@@ -1,10 +1,13 @@
 """Pressure that grows from mesh to mesh at ends of contact, and the order that it leaves."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from driver.contact.states import STICK
 from driver.estimates import sharp_ends
+from driver.estimates.caution import Caution
 from driver.results.touch import Touch
 
 
@@ -43,3 +46,29 @@ def test_growth_that_does_not_go_on_is_none():
     assert sharp_ends.order([Touch(open={}), Touch(open={})], [2.0]) == np.inf
     steep = [touch(h, 1.5) for h in (0.005, 0.01, 0.02)]
     assert sharp_ends.order(steep, [2.0, 2.0]) == pytest.approx(2 * (1 - sharp_ends.MOST))
+
+
+@pytest.mark.parametrize("start, periodic, order", [
+    (10.4, False, 1.0), (10.4, True, np.inf), (12.0, False, np.inf)])
+def test_where_a_tie_begins_the_order_is_that_of_the_tip_of_a_crack(start, periodic, order):
+    """A tie from the right end of contact on, whose first node has half a side more; not if it lies
+    elsewhere, or is the periodic side of a body.
+    """
+    uniform = touch(0.1, 0.0, far=1.0)
+    x = np.append(np.linspace(0, 10, 101), start + 0.4 * np.arange(5))
+    weight = np.append(np.full(101, 0.1), [0.6, 0.4, 0.4, 0.4, 0.4])
+    contact = SimpleNamespace(is_joint=x > 10.2, label=np.where(x > 10.2, 7, 3), weight=weight,
+                              xy=np.column_stack([x, 0 * x]))
+    problem = SimpleNamespace(
+        structure=SimpleNamespace(contact=contact),
+        effects=SimpleNamespace(joints=[SimpleNamespace(first=7, periodic=periodic)]))
+    assert sharp_ends.of_tips(problem, uniform) == order
+    assert sharp_ends.of_tips(problem, Touch(open={})) == np.inf
+
+
+def test_coarse_meshes_are_trusted_no_further_than_the_tip_of_a_crack_allows():
+    """Whose change falls by four: a third of the last one is left, or all of it, beside caution."""
+    runs = [({"slip": 1.0}, {"slip": 0.99}), ({"slip": 0.99}, {"slip": 0.95})]
+    fast, slow = (Caution("P1", touch=touch(0.1, 0.0), order=order).parts(
+        {"slip": 1.0}, runs, [2.0, 2.0], ())["slip"].error for order in (np.inf, sharp_ends.TIP))
+    assert slow > 2 * fast and slow >= 0.01 > fast
