@@ -344,6 +344,11 @@ def describe(errors: dict, units: dict, time: float | None = None,
     return [*lines, *of_sums(budget, boundaries), errors["advice"], *errors["notes"], *energy]
 
 
+def _about(error: float, norm: float) -> str:
+    """An estimate relative to the `norm`; of more than all of it no digits are known."""
+    return f"about {share(error, norm)}" if error < norm else "more than 100 %"
+
+
 def describe_energy(entry: dict) -> list[str]:
     """The last step's error in the energy norm as lines, none if it was not estimated."""
     if "reason" in entry:
@@ -357,8 +362,8 @@ def describe_energy(entry: dict) -> list[str]:
     bounded = entry["kind"] == "equilibrated"
     lines = [f"error of the last step in the energy norm: {'at most' if bounded else 'about'} "
              f"{total} ({parts})" + ("" if bounded else "; no bound, by smoothed stresses")]
-    more = [f"{words} {share(entry[name], entry['norm'])}" for name, words in (
-        ("coupling", "Coulomb's law about"), ("time", "time steps about")) if entry.get(name)]
+    more = [f"{words} {_about(entry[name], entry['norm'])}" for name, words in (
+        ("coupling", "Coulomb's law"), ("time", "time steps")) if entry.get(name)]
     if more:
         lines.append(f"beside it in the energy norm: {', '.join(more)}")
     if entry.get("excluded"):

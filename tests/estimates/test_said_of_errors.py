@@ -74,6 +74,8 @@ def test_the_error_in_the_energy_norm_in_words():
     first, beside, left = budget.describe_energy(entry)
     assert "at most 15 % (mesh 10 %, solver 0, friction 2.0 %, correction 1.0 %)" in first
     assert beside == "beside it in the energy norm: Coulomb's law about 3.0 %"
+    _, beside, _ = budget.describe_energy({**entry, "coupling": 9.6})  # digits of nothing
+    assert beside == "beside it in the energy norm: Coulomb's law more than 100 %"
     assert left == "not in it: curved boundaries"
     smoothed = budget.describe_energy({**entry, "kind": "recovery", "coupling": 0.0,
                                        "time": 0.04, "excluded": []})
