@@ -41,7 +41,7 @@ class _Approximation:
     before: int  # iterations, and products with F, before the first of them
     products: int
     eliminates: bool  # where stiffness jumps, once
-    start: tuple = ()  # of the last QP: multipliers and gradient
+    start: tuple = ()  # of the QP at hand: multipliers and gradient
     taken: int = 0  # QPs that were solved
     loose: float = np.inf  # imbalance of bodies without support, and that before
     last: float = np.inf
@@ -83,6 +83,7 @@ class FixedPoint:
                  and self.shortcut.solution(index, load, x, trace, rtol))
         while not (found or trace.fallback):
             trace.iterations += 1
+            now.start = self._start(load, now.x, now.gradient, now.sliding, trace)
             try:
                 result, change = self._solve(index, load, now, trace)
             except Unfinished as failure:
@@ -103,8 +104,9 @@ class FixedPoint:
         return self._globalise(index, load, latest, place, trace)
 
     def _solve(self, index: int, load: Load, now: _Approximation, trace: Trace):
-        """The next QP: its result, where approximations are `now`, and their change."""
-        start, gradient = now.start = self._start(load, now.x, now.gradient, now.sliding, trace)
+        """The next QP, from its start: its result, where approximations are `now`, their change.
+        """
+        start, gradient = now.start
         bound = self.rows.friction_bound(start)
         reduction = self._reduction(trace) if self._repeats else 0.0
         result, change = self._approximate(index, trace, load.d, start, bound, reduction,
