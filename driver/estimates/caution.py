@@ -124,8 +124,8 @@ class Caution:
         `singular`: quantities at places where they may be infinite; `touches`: contact on the
         meshes, finest first.
         """
-        most = min(self.order, sharp_ends.order(list(touches), ratios))
-        most = np.inf if self.adapted else most
+        most = np.inf if self.adapted else min(self.order,
+                                               sharp_ends.order(list(touches), ratios))
         changes = {name: [fine[name] - coarse[name] for fine, coarse in runs] for name in values}
         parts = {name: self._part(name, changes[name], ratios, value, name in singular, most)
                  for name, value in values.items()}

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from .. import processes
 from ..files import FIGURES
-from . import at_once
 from .body import contact_window, contact_zoom, deformed
 from .contact import contact_normal, contact_status, contact_tangential
 from .convergence import adaptivity, convergence, iterated
@@ -60,5 +60,5 @@ def draw_run(directory: Path, kinds: tuple[str, ...] = tuple(KINDS)) -> list[Pat
     for name in set(FIGURES) - set(names):
         for kind in ("png", "pdf"):
             (folder / f"{name}.{kind}").unlink(missing_ok=True)
-    at_once.draw(lambda name: write(compose(name, run), folder, name, kinds), names)
+    processes.share(lambda name: write(compose(name, run), folder, name, kinds), names)
     return [folder / f"{name}.{kind}" for name in names for kind in kinds]

@@ -18,6 +18,7 @@ import numpy as np
 
 from .. import environment, options
 from ..errors import DriverError, InputError
+from ..processes import die_of_signals
 from ..runs.guard import study_folder
 from . import random
 from .case import Case, Outcome, reference, run_case
@@ -144,14 +145,7 @@ def _judged(tasks: list, folder: Path, jobs: int) -> Iterator[Row]:
 
 def _pool(jobs: int) -> ProcessPoolExecutor:
     return ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn"),
-                               initializer=_die_of_signals)
-
-
-def _die_of_signals() -> None:
-    """Between tasks a signal ends a process without a word; one that is ignored stays so."""
-    for number in (signal.SIGINT, signal.SIGTERM):
-        if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, signal.SIG_DFL)
+                               initializer=die_of_signals)
 
 
 def _submitted(pool: ProcessPoolExecutor, task: tuple, folder: Path):
@@ -172,7 +166,7 @@ def _task(judged, *given) -> Row:
     except KeyboardInterrupt:
         os._exit(130)
     finally:
-        _die_of_signals()
+        die_of_signals()
     return row
 
 

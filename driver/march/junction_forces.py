@@ -108,23 +108,17 @@ def _nearest(junction: Junction, force, moved, F, c, bilateral, wears, near,
 
 
 def _signs(bilateral: np.ndarray, F: np.ndarray, pressure: np.ndarray):
-    """(k,) signs of normal forces in turn, 1 or -1; 0 for those that no law tells from one another.
+    """Signs (k,) of normal forces in turn, 1 or -1; 0 for those that no law tells from one another.
 
     Friction of what may press and pull has two cones: all combinations of them, but where they
     are too many those of the `pressure` (k,) that there is.
     """
-    sign = np.where(bilateral, np.where(F > 0, np.where(pressure < 0, -1.0, 1.0), 0.0), 1.0)
-    either = np.flatnonzero(bilateral & (F > 0))
-    if len(either) > MOST:
+    either = bilateral & (F > 0)
+    sign = np.where(either & (pressure < 0), -1.0, np.where(bilateral & ~either, 0.0, 1.0))
+    if np.count_nonzero(either) > MOST:
         return [sign]
-    return [_with(sign, either, signs) for signs in product((1.0, -1.0), repeat=len(either))]
-
-
-def _with(values: np.ndarray, places: np.ndarray, others) -> np.ndarray:
-    """`values` with `others` in their `places`."""
-    values = values.copy()
-    values[places] = others
-    return values
+    choices = [(1.0, -1.0) if two else (one,) for two, one in zip(either, sign)]
+    return map(np.array, product(*choices))
 
 
 def _laws(sign, way, held, F, c) -> tuple[np.ndarray, np.ndarray]:

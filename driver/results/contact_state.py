@@ -42,6 +42,14 @@ def held_along(b, constrained: np.ndarray) -> np.ndarray:
     return without_row(b) & (constrained | (np.abs(b.tangent) < ACROSS)).all(axis=1)
 
 
+def untilted(tangent: np.ndarray, held: np.ndarray) -> np.ndarray:
+    """(n_c, 2) the tangents, of nodes `held` along the boundary less what rounding has tilted them.
+
+    What they move by along the normal is no slip: all that holds them would be friction.
+    """
+    return np.where(held[:, None] & (np.abs(tangent) < ACROSS), 0.0, tangent)
+
+
 def friction_of_held(held: np.ndarray, bound: np.ndarray, slip: np.ndarray, before: np.ndarray,
                      reach: float) -> np.ndarray:
     """(n_c,) tangential forces of the nodes that are `held` along the boundary, zero of others.
@@ -147,27 +155,27 @@ class ContactState:
         values[3, rows.normal_node] = step.status
         values = np.sum(self.operator.comm.allgather(values), axis=0)
         joints, values = values[0, len(b.gid):], values[:, : len(b.gid)]
-        moved = self._nodal(displacements)
-        u = self._jump(moved)
-        u_n, elastic = (u * b.normal).sum(axis=1), (u * self._tangent()).sum(axis=1)
+        moved, held = self._nodal(displacements), held_along(b, self.constrained)
+        u, tangent = self._jump(moved), untilted(b.tangent, held)
+        u_n, elastic = (u * b.normal).sum(axis=1), (u * tangent).sum(axis=1)
         weights = step.weights[: len(self._travel)]
         carried = np.tensordot(weights, self._travel, axes=1)
-        u_n, u_t = u_n + (carried * b.normal).sum(axis=1), elastic + self._carried_t(weights)
+        u_n = u_n + (carried * b.normal).sum(axis=1)
+        u_t = elastic + (carried * tangent).sum(axis=1)
         if self._weights is None:
             self._weights = self.solver.initial_weights
-            self._elastic = self.solver.initial[: len(b.gid)] - self._carried_t(self._weights)
+            self._elastic = self.solver.initial[: len(b.gid)] - self._carried_t(self._weights, tangent)
         if self.solver.cycles is not None and step.index == self.solver.cycles.begin + 1:
             self._begun = self._handed_on()
         if follows:  # along the tangents of now
-            self._elastic = (self._jump(self._before) * self._tangent()).sum(axis=1)
-        slip = elastic - self._elastic + self._carried_t(weights - self._weights)
+            self._elastic = (self._jump(self._before) * tangent).sum(axis=1)
+        slip = elastic - self._elastic + self._carried_t(weights - self._weights, tangent)
         slip -= b.way(self._time, step.time)
         self._time = step.time
         self._elastic, self._weights, self._before = elastic, weights, moved
         if self.frictional:  # a node constrained tangentially has no row of its own, but a bound
             alone = b.tangential_row < 0
             values[2, alone] = self._bound(values[0], slip)[alone]
-            held = held_along(b, self.constrained)
             reach = self._reach(moved, weights)
             self._held = friction_of_held(held, values[2], slip, self._held, reach)
             values[1] += self._held
@@ -214,19 +222,11 @@ class ContactState:
         self.worn = self.worn + b.columns["wear"] * np.abs(slip) * pressure
         return self.worn
 
-    def _carried_t(self, weights: np.ndarray) -> np.ndarray:
-        """(n_c,) tangential displacements by travel with pattern factors `weights`."""
-        carried = np.tensordot(weights, self._travel, axes=1)
-        return (carried * self._tangent()).sum(axis=1)
-
-    def _tangent(self) -> np.ndarray:
-        """(n_c, 2) tangents, of nodes held along the boundary less what rounding has tilted them.
-
-        What they move by along the normal is no slip: all that holds them would be friction.
+    def _carried_t(self, weights: np.ndarray, tangent: np.ndarray) -> np.ndarray:
+        """(n_c,) displacements along `tangent` (n_c, 2) by travel with pattern factors `weights`.
         """
-        b = self.boundary
-        tilted = held_along(b, self.constrained)[:, None] & (np.abs(b.tangent) < ACROSS)
-        return np.where(tilted, 0.0, b.tangent)
+        carried = np.tensordot(weights, self._travel, axes=1)
+        return (carried * tangent).sum(axis=1)
 
     def _reach(self, moved: np.ndarray, weights: np.ndarray) -> float:
         """Largest displacement of a vertex, `moved` (k, 2) or travelling with pattern `weights`."""

@@ -1,4 +1,4 @@
-"""Figures drawn by several processes: each once, and what one cannot draw is drawn by another."""
+"""Figures drawn by several processes: each once, and what one cannot draw, this one does."""
 
 import multiprocessing
 import os
@@ -6,7 +6,7 @@ import signal
 
 import pytest
 
-from driver.figures import at_once
+from driver import processes
 
 NAMES = ["geometry", "loading", "deformed", "history", "convergence"]
 
@@ -23,16 +23,16 @@ def noted(tmp_path):
     return note
 
 
-@pytest.mark.parametrize("cores, processes", [(1, 1), (2, 2), (3, 3), (9, 5)])
-def test_every_figure_is_drawn_once(noted, cores, processes):
-    at_once.draw(noted, NAMES, cores)
+@pytest.mark.parametrize("cores, count", [(1, 1), (2, 2), (3, 3), (9, 5)])
+def test_every_figure_is_drawn_once(noted, cores, count):
+    processes.share(noted, NAMES, cores)
     drawn = noted.read()
     assert sorted(drawn) == sorted(NAMES) and all(len(by) == 1 for by in drawn.values())
-    assert len({by[0] for by in drawn.values()}) == processes
+    assert len({by[0] for by in drawn.values()}) == count
 
 
 def test_no_figure_is_none():
-    at_once.draw(None, [])
+    processes.share(None, [])
 
 
 def fail(_name: str) -> None:
@@ -44,7 +44,7 @@ def fail(_name: str) -> None:
                                  lambda _: os.kill(os.getpid(), signal.SIGTERM)])
 def test_what_another_process_cannot_draw_is_drawn_here(noted, capfd, end):
     here = os.getpid()
-    at_once.draw(lambda name: (noted if os.getpid() == here else end)(name), NAMES, 3)
+    processes.share(lambda name: (noted if os.getpid() == here else end)(name), NAMES, 3)
     assert noted.read() == {name: [str(here)] for name in NAMES}
     assert capfd.readouterr() == ("", "")
 
@@ -53,8 +53,8 @@ def test_where_there_is_no_process_more_all_are_drawn_here(noted, monkeypatch):
     def refuse(_process) -> None:
         raise BlockingIOError(11, "Resource temporarily unavailable")
 
-    monkeypatch.setattr(at_once.FORK.Process, "start", refuse)
-    at_once.draw(noted, NAMES, 2)
+    monkeypatch.setattr(processes.FORK.Process, "start", refuse)
+    processes.share(noted, NAMES, 2)
     assert noted.read() == {name: [str(os.getpid())] for name in NAMES}
 
 
@@ -67,5 +67,5 @@ def test_an_error_is_that_of_this_process_and_leaves_no_process_behind():
         raise ValueError(name)
 
     with pytest.raises(ValueError, match="geometry"):
-        at_once.draw(wait, NAMES, 2)
+        processes.share(wait, NAMES, 2)
     assert not multiprocessing.active_children()

@@ -1,0 +1,55 @@
+"""Processes that share the work of this one, and how signals end them."""
+
+import contextlib
+import multiprocessing
+import signal
+from collections.abc import Callable
+
+from .options import CORES
+
+FORK = multiprocessing.get_context("fork")  # what has been read and imported is there already
+
+
+def share(one: Callable[[str], None], names: list[str], cores: int = CORES) -> None:
+    """one(name) for all `names`, on so many `cores` at once, each of which takes a share of them.
+
+    What another process has not done, for want of memory say, is done here, where its error is
+    seen. Raises what `one` raises.
+    """
+    count = max(1, min(cores, len(names)))
+    shares = [names[k::count] for k in range(count)]
+    others = [FORK.Process(target=_quietly, args=(one, part), daemon=True) for part in shares[1:]]
+    try:
+        for process in others:
+            with contextlib.suppress(OSError):  # no process more
+                process.start()
+        for name in shares[0]:
+            one(name)
+        for process, part in zip(others, shares[1:]):
+            if process.pid is not None:
+                process.join()
+            if process.exitcode != 0:
+                for name in part:
+                    one(name)
+    finally:
+        for process in others:
+            if process.pid is not None:
+                process.kill()
+                process.join()
+
+
+def _quietly(one: Callable[[str], None], names: list[str]) -> None:
+    """What another process does; it says nothing and ends at once where it cannot."""
+    die_of_signals()
+    try:
+        for name in names:
+            one(name)
+    except BaseException:  # whatever it is, the process that waits meets it as well
+        raise SystemExit(1) from None
+
+
+def die_of_signals() -> None:
+    """A signal ends this process without a word from now on; one that is ignored stays so."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, signal.SIG_DFL)
