@@ -164,7 +164,8 @@ class ContactState:
         u_t = elastic + (carried * tangent).sum(axis=1)
         if self._weights is None:
             self._weights = self.solver.initial_weights
-            self._elastic = self.solver.initial[: len(b.gid)] - self._carried_t(self._weights, tangent)
+            self._elastic = self.solver.initial[: len(b.gid)] - self._carried_t(
+                self._weights, tangent)
         if self.solver.cycles is not None and step.index == self.solver.cycles.begin + 1:
             self._begun = self._handed_on()
         if follows:  # along the tangents of now
