@@ -114,9 +114,11 @@ def least_stress(run: Run) -> float:
 
 
 def widen(axes, span: float) -> None:
-    """Limits of y at least `span` apart, about the same middle."""
+    """Limits of y at least `span` apart, about the same middle; -1 and 1 where all is zero."""
     low, high = axes.get_ylim()
-    if high - low < span:
+    if not any(np.any(line.get_ydata()) for line in axes.lines):
+        axes.set_ylim(-1, 1)
+    elif high - low < span:
         axes.set_ylim((low + high - span) / 2, (low + high + span) / 2)
 
 

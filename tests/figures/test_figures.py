@@ -671,6 +671,14 @@ def test_stresses_that_are_rounding_have_no_axis_of_their_own(run):
     assert np.ptp(values) < 1e-9 * (high - low)
 
 
+def test_curves_that_are_zero_have_whole_numbers_on_their_axis(run):
+    """Not the rounding of what is drawn behind them."""
+    columns = {name: 0 * run.contact[name] for name in ("sigma_n", "u_n", "gap")}
+    resting = dataclasses.replace(run, contact={**run.contact, **columns}, last=None)
+    figure = figures.compose("contact_normal", resting)
+    assert all(axes.get_ylim() == (-1, 1) for axes in figure.axes[:2])
+
+
 @pytest.mark.parametrize("high", [1.0, 0.08, 0.015])
 def test_flat_bodies_are_as_wide_as_the_page(high):
     """Names of axes, which are higher than a flat body, do not make it narrow."""
