@@ -352,6 +352,7 @@ def test_stiffness_against_own_assembly(built, scene, element):
         assert total == pytest.approx(energy, rel=1e-10)
 
 
+@pytest.mark.slow
 def test_products_stay_those_of_the_plane(solved, scene):
     """Corners, preconditioner and deflation carry over: at most 1.3 times the plane's products."""
     text = HEAD + """

@@ -593,6 +593,7 @@ def test_a_motion_that_only_rounding_resists_is_held_like_the_others(built, tmp_
 
 @pytest.mark.parametrize("cut, friction, little", [(3, "", False), (9, "", True),
                                                    (9, "macro friction() 0.3 //\n", False)])
+@pytest.mark.some(1)
 def test_motions_that_rows_hardly_resist_are_known(built, steps_of, tmp_path, cut, friction,
                                                    little):
     """A disc whose nodes are on its circle to eight digits: Newton's method would turn it until the

@@ -404,6 +404,7 @@ def test_misuse_gets_one_line(solved, scene, changes, said):
 
 
 @pytest.mark.parametrize("start, status", [("-3. - height", 2), ("height - 0.01", 0)])
+@pytest.mark.some(1)
 def test_an_obstacle_turned_inside_out_is_asked_about(solved, scene, start, status):
     """Not so a press fit, whose nodes all start inside as well."""
     height = SLOPE.split(") ", 1)[1].removesuffix(" //")

@@ -42,6 +42,7 @@ def floor(tmp_path):
 
 
 @pytest.mark.parametrize("options", [{}, {"subdomains": 5}, {"element": "P2", "subdomains": 3}])
+@pytest.mark.some(1)
 def test_coulomb_tresca_and_none_side_by_side(solved, floor, options):
     """At full sliding 0.3 p, 2 and 0, node by node, to the tolerance of the fixed point."""
     run = solved(floor(), steps=4, rtol=1e-11, friction_rtol=1e-10, **options)

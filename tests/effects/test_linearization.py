@@ -158,6 +158,7 @@ def test_the_error_bound_is_about_the_second_problem(built, steps_of):
 
 # ---- curves --------------------------------------------------------------------------------------
 
+@pytest.mark.slow
 def test_gaps_are_those_of_the_smooth_curves(solved):
     """Chords lie h^2/8R = 0.0125 and 0.02 inside pin and hole, here and there, of 0.1 that the pin
     is pressed in: pressures of the polygons alternate between half and twice the right one. What is

@@ -37,7 +37,7 @@ include "export.idp"
 
 @pytest.mark.parametrize("options", [{}, {"element": "P2", "subdomains": 5}, {"np": 2},
                                      {"asperities": 1e-1}, {"asperities": 1e7}])
-@pytest.mark.some(3)
+@pytest.mark.some(1)
 def test_uniform_block_closes_by_p_over_c(solved, scene, options):
     run = solved(scene(BLOCK), cells=4, **TIGHT, **options)
     c = run.contact
@@ -57,6 +57,7 @@ def test_between_bodies_and_of_revolution(solved, scene, text, old, new):
 
 
 @pytest.mark.parametrize("options", [{}, {"element": "P2", "subdomains": 5}])
+@pytest.mark.some(1)
 def test_the_law_holds_at_every_node(solved, options):
     """p = c (u_n - g)_+ to the tolerance of the QP; nodes with none of it are open."""
     run = solved("rough", cells=6, **TIGHT, **options)
@@ -136,6 +137,7 @@ def test_exponent_one_is_the_diagonal_of_the_dual_operator(solved, scene):
 
 
 @pytest.mark.parametrize("start", [-1.0, 0.0], ids=["in part", "everywhere"])
+@pytest.mark.some(1)
 def test_exponent_one_pulls_as_no_exponent_does(solved, scene, start):
     """On a bilateral boundary sigma_n = -c (u_n - g) has either sign."""
     change = (("macro load1() pressure(3, 8.) //",

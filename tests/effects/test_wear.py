@@ -213,7 +213,7 @@ include "export.idp"
 
 
 @pytest.mark.parametrize("subdomains", ["1", "7"])
-@pytest.mark.some(1)
+@pytest.mark.slow
 def test_a_vertex_between_worn_sides_goes_as_friction_lets_it(solved, tmp_path, subdomains):
     """In step 11 the vertex of labels 4 and 9 slides, and is short of its wall. The first tangents
     of the law have it in its corner, which it must not keep. Values of a program of its own, that

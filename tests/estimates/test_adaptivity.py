@@ -362,6 +362,7 @@ def test_meshes_do_not_depend_on_the_ranks(solved):
             / "contact.csv").read_bytes() == (two.directory / "contact.csv").read_bytes()
 
 
+@pytest.mark.slow
 def test_figure_of_the_mesh_and_its_error(solved):
     from driver import figures
 

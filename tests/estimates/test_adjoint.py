@@ -69,7 +69,7 @@ INFLUENCE = [("model-static", dict(cells=4)),  # all states, gluing, one step
 
 
 @pytest.mark.parametrize("scene, parameters", INFLUENCE)
-@pytest.mark.some(2)
+@pytest.mark.some(1)
 def test_the_adjoint_is_the_influence_of_more_load(marched, scene, parameters, monkeypatch):
     """Little more of all loads changes a quantity by the work of the loads on the adjoint solution,
     as contact stays in its state.

@@ -107,6 +107,7 @@ def test_time_share_of_one_step_and_of_a_missed_pulse(solved, budget_of, variant
     assert entry["time"] >= abs(entry["value"] - true["dissipated_energy"])
 
 
+@pytest.mark.slow
 def test_proportional_loading_has_no_share_of_time(budget_of):
     found = budget_of("model", loading="monotone", cells=4, steps=1)
     for entry in found["quantities"].values():

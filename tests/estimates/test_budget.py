@@ -113,6 +113,7 @@ def test_meshes_that_agree_by_chance_leave_what_nodes_do():
         assert budget.located(budget.Part(error), 0.5) == budget.Part(error)
 
 
+@pytest.mark.slow
 def test_a_run_claims_no_more_of_contact_than_its_nodes(budget_of):
     """Contact is lost beside the clamped side over less than an edge, which three meshes do not see
     (0.6 % claimed before).
@@ -418,6 +419,7 @@ def test_true_errors_are_within_the_budget(budget_of):
             assert error <= entry["total"] <= 5 * error, (scene, options)
 
 
+@pytest.mark.slow
 def test_adaptive_meshes_are_compared_with_those_of_the_cycles_before(solved):
     run = solved("pressfit", h=4, adapt=2, errors="yes")
     entry = run.summary["errors"]["quantities"]["normal_resultant"]

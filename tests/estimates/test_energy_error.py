@@ -140,6 +140,7 @@ def test_what_coulombs_law_and_time_add_is_named_beside_the_bound(solved):
     assert given["coupling"] == 0 and not {EARLIER, COULOMB} & set(given["excluded"])
 
 
+@pytest.mark.slow
 def test_a_long_way_adds_nothing_to_the_error_of_what_is_stored(solved, tmp_path):
     """A pad whose ends are held in x slides steadily: its stresses do not know how far.
 

@@ -98,7 +98,7 @@ def test_contact_tractions_are_in_the_cone(estimated, scene, parameters):
                                                ("patch-bodies", dict(ratio=0.6, tilt=-12)),
                                                ("bar", dict(cells=2, steps=4)),
                                                ("thermal", dict(cells=2, steps=2))])
-@pytest.mark.some(3)
+@pytest.mark.some(1)
 def test_nothing_is_estimated_where_the_solution_is_exact(estimated, scene, parameters):
     _, _, found = estimated(scene, settings=(("rtol", 1e-12),), **parameters)
     # the square root of rounding in the energies

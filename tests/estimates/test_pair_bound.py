@@ -72,6 +72,7 @@ def test_corrected_displacements_do_not_penetrate(estimated, scene, parameters):
         assert np.max(before) > 1e-7 * size
 
 
+@pytest.mark.slow
 def test_the_bound_between_bodies_holds_far_from_the_solution(estimated, tmp_path):
     """As for a rigid obstacle, with tractions and slip that the mortar knows nothing of: every term
     is needed.
@@ -124,6 +125,7 @@ include "export.idp"
 
 
 @pytest.mark.parametrize("first", ["11, 21", "21, 11"])
+@pytest.mark.some(1)
 def test_the_bound_where_a_pair_turns_a_corner(estimated, tmp_path, first):
     """Whichever side has the nodes: flanks face what is parallel to them, the corner's one
     displacement penetrates neither, and the bound is above the error of forces that are far from a

@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 from mpi4py import MPI
 
 from driver.estimates.free_peak import free_peak
@@ -30,6 +31,7 @@ include "export.idp"
 FINE = 0.2  # element size whose own error is a tenth of the coarse one's
 
 
+@pytest.mark.slow
 def test_a_free_place_that_exceeds_the_bore_on_finer_meshes_is_in_the_claim(solved, budget_of,
                                                                              tmp_path):
     """The interference places the bore, at 0.0201 on all coarse meshes; the rim goes to 0.0215."""

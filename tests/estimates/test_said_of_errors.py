@@ -441,6 +441,7 @@ include "export.idp"
     assert "a support holds" not in " ".join(moved.summary["warnings"])
 
 
+@pytest.mark.slow
 def test_a_round_boundary_in_contact_as_a_whole_is_as_long_as_its_polygon(solved, named_scene):
     """A hole around a pin that is too large: what the sides lack of the circle is in the claim."""
     path = named_scene("hole", """include "scene.idp"

@@ -22,7 +22,7 @@ def said(run, word: str) -> bool:
                          [(0.3, 2, False), (0.45, 4, False), (0.49, 2, True), (0.49, 8, True),
                                               (0.499, 4, True), (0.4999, 2, True),
                           (0.4999, 8, True)])
-@pytest.mark.some(4)
+@pytest.mark.some(2)
 def test_locking(solved, nu, cells, locks):
     """By the table in the module's text: from nu = 0.49 on coarse meshes and fine, never at 0.45.
     """
@@ -32,6 +32,7 @@ def test_locking(solved, nu, cells, locks):
 
 @pytest.mark.parametrize("element, nu, locks",
                          [("P2", 0.46, False), ("P2", 0.499, True), ("P2-mixed", 0.4999, False)])
+@pytest.mark.some(1)
 def test_locking_of_quadratic_elements(solved, element, nu, locks):
     run = solved("hard/block", **QUICK, POISSON=nu, ELEMENT=element)
     assert said(run, "P2 elements lock") == said(run, "ELEMENT=P2-mixed does not lock") == locks
@@ -90,6 +91,7 @@ def test_locking_does_not_depend_on_ranks(solved):
 
 
 @pytest.mark.parametrize("x0, far", [(0, False), (1000, False), (1e4, True), (-1e6, True)])
+@pytest.mark.some(2)
 def test_lost_digits(solved, x0, far):
     assert said(solved("hard/block", **QUICK, X0=x0), "digits") == far
 

@@ -108,6 +108,7 @@ include "export.idp"
 """
 
 
+@pytest.mark.slow
 def test_a_pin_with_play_has_no_claims_from_polygons_that_overlap(solved, named_scene):
     """With elements of 6.4 they press over the whole hole; by them forces would err by 2000 %."""
     run = solved(named_scene("pin-with-play", PLAY), errors="yes", quantity="normal_resultant")

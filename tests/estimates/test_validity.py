@@ -348,7 +348,7 @@ include "export.idp"
 
 
 @pytest.mark.parametrize("element", ["P1", "P2"])
-@pytest.mark.some(1)
+@pytest.mark.slow
 def test_a_wheel_that_rolls_away_is_judged(verdict, element):
     """Pulled at its axle it has no equilibrium. Lever arms and normals that stay as they were make
     one, turned by the part of its weight that pulls.

@@ -348,7 +348,7 @@ def _held_at_a_hole(given: Scene) -> Scene:
 @every_cut
 @every_shape
 @seeds
-@pytest.mark.some(12)
+@pytest.mark.some(4)
 def test_springs_and_preconditioner_need_no_stiff_corners(cut, shape, seed):
     """Bodies without support: springs of a contact row's size, a preconditioner on any face."""
     problem = torn(scene(shape, cut, seed, support=NOBODY))

@@ -227,7 +227,7 @@ def test_deflation_makes_the_condition_flat(built):
 
 @pytest.mark.parametrize("board", ["pieces", "halves", "inside"])
 @pytest.mark.parametrize("jump", [1e-6, 1e6])
-@pytest.mark.some(3)
+@pytest.mark.some(1)
 def test_jumps_of_the_stiffness_leave_the_condition_alone(built, board, jump):
     """Between subdomains, under one hat, and along interfaces: at most twice that of the same mesh
     without a jump.
@@ -307,7 +307,7 @@ def products(solved, loading, subdomains, **options):
 
 
 @pytest.mark.parametrize("loading", ["monotone", "nonmonotone"])
-@pytest.mark.some(1)
+@pytest.mark.slow
 def test_products_hardly_grow_with_the_number_of_subdomains(solved, loading):
     """The condition on a face is flat, and contact zones move in the contact block, over any number
     of nodes.

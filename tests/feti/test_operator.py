@@ -566,11 +566,13 @@ def check_linear(problem):
 
 
 @pytest.mark.parametrize("subdomains", ["4x2", "2x1", "1x1", "9", "1"])
+@pytest.mark.some(2)
 def test_linear_problem_equals_a_direct_solve(built, variant, subdomains):
     check_linear(built(variant("linear", *NO_CONTACT), cells=5, subdomains=subdomains))
 
 
 @pytest.mark.parametrize("subdomains", ["4x2", "2x2", "1x1", "6"])
+@pytest.mark.some(2)
 def test_prescribed_displacement_equals_a_direct_solve(built, variant, subdomains):
     prescribed = "macro displacement1() on(2, u1 = 1e-3, u2 = 2e-3*y) //\n"
     pushed = variant("pushed", *NO_CONTACT,
@@ -583,7 +585,7 @@ def test_prescribed_displacement_equals_a_direct_solve(built, variant, subdomain
     ("loose", ""),  # three rigid motions
     ("rolling", "macro support() on(4, u1 = 0.) //\n"),  # slides along y
     ("sliding", "macro support() on(1, u2 = 0.) //\n")])  # slides along x
-@pytest.mark.some(5)
+@pytest.mark.some(2)
 def test_body_that_can_move_is_refused(solved, variant, subdomains, name, support):
     """Nothing takes the load's work on the free rigid motions: no equilibrium, whatever the body
     deforms.

@@ -36,6 +36,7 @@ def corners(solved, tmp_path):
 
 
 @pytest.mark.parametrize("subdomains", ["1", "4x2", "7"])
+@pytest.mark.some(1)
 def test_a_vertex_of_two_labels_moves_as_the_higher_number_says(corners, subdomains):
     """Not as their sum, which is what patterns of one label are."""
     u, said = corners(f"displacement1() {TOP}", f"displacement2() {SIDE}", "amplitude2(t) t",

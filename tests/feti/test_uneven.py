@@ -120,6 +120,7 @@ include "export.idp"
 """
 
 
+@pytest.mark.slow
 def test_incompressible_bodies_take_no_more_products(solved, named_scene):
     """A rubber block on a floor that swells against a wall; without corners all along its
     interfaces it took ten times as many.
@@ -131,6 +132,7 @@ def test_incompressible_bodies_take_no_more_products(solved, named_scene):
     assert counts[1] <= 1.2 * counts[0], counts
 
 
+@pytest.mark.slow
 def test_contact_nodes_on_a_stiff_fine_body_take_hardly_more_products(solved):
     """A thousand times as stiff as the coarser one that it stands on: forces that alternate move
     its nodes alone. Without hats of their own there they took 2.6 times as many products.

@@ -353,6 +353,7 @@ def test_marks_are_spread_evenly_over_unequal_edges():
     assert np.allclose(gaps, np.pi / 31, rtol=0.01)
 
 
+@pytest.mark.slow
 def test_pictures_show_the_time_of_the_quantities(tmp_path):
     """Where contact is lost at the end, that is the time of its largest resultant."""
     directory = make_run(tmp_path / "run", steps=4, products=6)
@@ -587,6 +588,7 @@ def test_long_titles_have_several_lines(run):
     assert not outside(figure) and not overlaps(figure)
 
 
+@pytest.mark.slow
 def test_thinned_convergence_keeps_starts_and_counts_everything(tmp_path):
     run = figures.read_run(make_run(tmp_path, steps=20, products=600))
     table = run.convergence
@@ -1037,6 +1039,7 @@ def test_a_run_without_iterations_has_no_picture_of_them(tmp_path):
     assert "convergence" not in figures.wanted(run)
 
 
+@pytest.mark.slow
 def test_a_small_contact_has_a_picture_to_scale(tmp_path):
     run = figures.read_run(make_run(tmp_path, steps=2, scene="own", products=6))
     assert body.contact_window(run) is None

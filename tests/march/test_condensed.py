@@ -35,7 +35,7 @@ include "export.idp"
 
 
 @pytest.mark.parametrize("cut", ["4", "9"])
-@pytest.mark.some(1)
+@pytest.mark.slow
 def test_a_soft_block_on_a_stiff_one_is_balanced_exactly(built, steps_of, named_scene, cut):
     """Rows differ by 1e7, motions of both bodies are one system's: its LU factors alone leave 1e-9.
     """
@@ -195,6 +195,7 @@ def test_the_gradient_of_a_condensed_solution_is_that_of_the_operator(monkeypatc
 
 
 @pytest.mark.parametrize("settles", [True, False])
+@pytest.mark.some(1)
 def test_starts_that_lead_in_circles_are_left_out(built, steps_of, monkeypatch, settles):
     """Contact forces that answer to the gluing forces of the iteration before may do so for ever,
     although friction bounds would settle from the forces of a QP. Where these settle nothing is

@@ -99,7 +99,7 @@ TIGHT = {"rtol": 1e-10, "friction_rtol": 1e-8}
 
 @pytest.mark.parametrize("cut", [2, 7])
 @pytest.mark.parametrize("lid", ["t", "0.5*t*t - t", "min(1., 2.*t)"], ids=["down", "up", "stops"])
-@pytest.mark.some(3)
+@pytest.mark.some(1)
 def test_boxes_carried_through_the_air_feel_nothing(built, steps_of, named_scene, lid, cut):
     """A soft one is moved by its lid and pushes a stiff one, both without weight, down a gap; or
     leaves it behind, or both stop.
@@ -153,6 +153,7 @@ def test_given_friction_holds_what_slides_along_it(built, steps_of, named_scene,
 
 
 @pytest.mark.parametrize("cut", ["1x1", "3x1", "12x6"])
+@pytest.mark.some(1)
 def test_a_load_that_steps_see_at_its_zeros_alone_is_none(built, steps_of, named_scene, cut):
     """Two steps of a sine, its rounding beside a sine of size one; and a traction along what the
     support holds works on no motion that it leaves free, not by rounding either.

@@ -151,6 +151,7 @@ def test_what_was_asked_for_is_reached(built, steps_of, asked):
 
 
 @pytest.mark.parametrize("friction", ["1e9", "1e12"])
+@pytest.mark.some(1)
 def test_huge_friction_converges_in_the_same_residuals(solved, friction):
     """All nodes stick: the answer is that of any large coefficient, and residuals say so."""
     words = {"loading": "nonmonotone", "cells": 4, "steps": 3, "uniqueness": "no"}
@@ -230,6 +231,7 @@ def test_a_spike_spoils_no_later_step(solved, named_scene):
 
 
 @pytest.mark.parametrize("asked", [1e-4, 1e-6])
+@pytest.mark.some(1)
 def test_what_a_spike_leaves_is_as_exact_as_what_was_asked_for(built, steps_of, named_scene, asked):
     """With friction that keeps more of it, and tolerances alike: a spike of 1e6 may cost FORESEEN
     of the accuracy of later steps, and a node's force errs by ten times the residual. Without
@@ -333,6 +335,7 @@ def tractions(outcome) -> np.ndarray:
 
 
 @pytest.mark.parametrize("drag", ["1e4", "1e8"])
+@pytest.mark.some(1)
 def test_dragging_far_changes_no_traction(solved, named_scene, drag):
     """In full sliding tractions do not depend on the way, which is 1e4 to 1e12 of the press."""
     # tolerances a hundredth of the difference that is allowed

@@ -136,6 +136,7 @@ def test_it_comes_first_where_rows_are_cheap_to_eliminate(decided, monkeypatch):
     assert not way.begins(None, Trace(), x, np.zeros_like(x), 1e-6)  # x is the solution
 
 
+@pytest.mark.slow
 def test_a_history_of_a_small_body_takes_few_products(solved):
     """700 dual rows: eight products a step, at most, where approximations took 50 to 90."""
     run = solved("bracket", h=3.0, element="P2", steps=4, subdomains=2)

@@ -175,7 +175,6 @@ def solved(built, steps_of, named_scene, name: str, cut: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", list(SCENES))
-@pytest.mark.some(2)
 @pytest.mark.some(1)
 def test_stiff_parts_on_soft_ones_are_solved_to_what_was_asked(built, steps_of, named_scene, name):
     """Each had ended with stationarity of 1e-5, or 3e-6, and no solution."""

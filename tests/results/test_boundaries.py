@@ -212,7 +212,7 @@ include "export.idp"
 @pytest.mark.parametrize("start, long, length", [(-0.37, 2.0, 1.63), (1.21, 3.0, 1.79),
                                                  (-0.41, 4.0, 3.0), (0.5, 2.0, 2.0)],
                          ids=["left", "right", "both", "none"])
-@pytest.mark.some(4)
+@pytest.mark.some(2)
 def test_what_hangs_over_is_not_in_contact(scene, solved, element, start, long, length):
     """Of edges that the other body ends under, the part that faces it."""
     run = solved(scene(HANGING.format(start=start, long=long, below=11, above=9)), ELEMENT=element)

@@ -136,7 +136,7 @@ include "export.idp"
     ("macro support() on(4, u1 = 0.) //\nmacro displacement1() on(3, u2 = -0.6)", 0.0),
     ("macro support() on(4, u1 = 0., u2 = 0.) //\nmacro load1() traction(3, 30., -40.)", 0.5)],
     ids=["falls", "is moved", "bends"])
-@pytest.mark.some(1)
+@pytest.mark.slow
 def test_a_static_step_onto_an_obstacle_does_the_work_of_its_history(solved, tmp_path, loads, left):
     """As much as twenty steps of loads in proportion, but for what the step says it leaves open:
     nothing where the way to the obstacle does not lead along it.
@@ -181,6 +181,7 @@ def test_what_opens_counts_until_it_does():
     assert work == pytest.approx(2 * F * 0.6 / 2, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_loads_that_stand_from_the_start_press_in_the_first_step_already(solved):
     """The wedge is driven under a load that does not change: as much work in few steps."""
     few, many = (solved("wedge", h=4, steps=steps).summary["dissipated"] for steps in (4, 16))

@@ -231,6 +231,7 @@ def test_loads_are_told_body_by_body(run_of):
 
 @pytest.mark.parametrize("macro, text", [("pairGap", BLOCKS), ("gap", BLOCK.replace(
     "{more}", LOAD + "macro contact() 1 //\n{more}"))])
+@pytest.mark.some(1)
 def test_a_distance_in_another_unit_is_said(run_of, macro, text):
     """Of a label that lies far away as a whole: one that is curved may do so at its ends."""
     for distance, far in (("9.", True), ("0.001", False), ("-0.001", False), ("0.1*x*x", False)):

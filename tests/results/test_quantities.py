@@ -533,6 +533,7 @@ def test_a_run_has_what_its_scene_gives_sense_to(solved):
     assert found["dissipated_energy"] == pytest.approx(last["dissipated"], rel=1e-12)
 
 
+@pytest.mark.slow
 def test_limits_in_h_are_regular(solved):
     """Hertz: the closed form errs by (a/R)^2 = 0.1%; each quantity's error stays below a
     first-order line.

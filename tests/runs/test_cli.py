@@ -235,12 +235,12 @@ def test_out_that_holds_other_files(command, tmp_path):
         one_line(done, "out")
 
 
-def test_failing_run_leaves_earlier_results(command, tmp_path, scene):
+def test_failing_run_leaves_earlier_results(command_here, tmp_path, scene):
     out = tmp_path / "out"
-    assert command("run", "SCENE=model", *FAST, f"OUT={out}").returncode == 0
+    assert command_here("run", "SCENE=model", *FAST, f"OUT={out}").returncode == 0
     before = listing(tmp_path)
     for words in (("FRICTION=zero",), ("STEPS=0",), (f"SCENE={scene(HEADER + 'assert(1 > 2);')}",)):
-        one_line(command("run", *dict.fromkeys(("SCENE=model", *words)), f"OUT={out}"))
+        one_line(command_here("run", *dict.fromkeys(("SCENE=model", *words)), f"OUT={out}"))
         assert listing(tmp_path) == before
 
 
@@ -274,8 +274,8 @@ def test_runs_leave_nothing_else(command, tmp_path):
     assert not [name for name in listing(tmp_path) if re.search("/\\.|block-|request|answer", name)]
 
 
-def test_not_converged_keeps_marked_results(command, tmp_path):
-    done = command("run", "SCENE=model", *FAST, "MAX_FIXED_POINT=1", f"OUT={tmp_path / 'out'}")
+def test_not_converged_keeps_marked_results(command_here, tmp_path):
+    done = command_here("run", "SCENE=model", *FAST, "MAX_FIXED_POINT=1", f"OUT={tmp_path / 'out'}")
     assert done.returncode == 4 and "Traceback" not in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1 and "fixed point" in done.stderr
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
@@ -491,11 +491,11 @@ def test_misspelt_declaration_is_refused(command_here, tmp_path, variant, old, n
     one_line(command_here("run", f"SCENE={path}", *FAST, f"OUT={tmp_path / 'out'}"), said)
 
 
-def test_unconverged_run_does_not_replace_a_converged_one(command, tmp_path):
+def test_unconverged_run_does_not_replace_a_converged_one(command_here, tmp_path):
     out = tmp_path / "out"
-    assert command("run", "SCENE=model", *FAST, f"OUT={out}").returncode == 0
+    assert command_here("run", "SCENE=model", *FAST, f"OUT={out}").returncode == 0
     before = listing(out)
-    done = command("run", "SCENE=model", *FAST, "MAX_FIXED_POINT=1", f"OUT={out}")
+    done = command_here("run", "SCENE=model", *FAST, "MAX_FIXED_POINT=1", f"OUT={out}")
     assert done.returncode == 4 and "out-unconverged" in done.stderr
     assert listing(out) == before
     summary = json.loads((tmp_path / "out-unconverged" / "summary.json").read_text())

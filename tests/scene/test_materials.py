@@ -166,6 +166,7 @@ include "export.idp"
 @pytest.mark.parametrize("young, integral", [("1 + x^2*y^2", 2 + 8 / 9),
                                              ("x < 1 ? 1. : 1000.", 1001.0),
                                              ("x <= 1 ? 1. : 1000.", 1001.0)])
+@pytest.mark.some(2)
 def test_moduli_are_those_inside_triangles(built, tmp_path, element, young, integral):
     """u = (x, 0) on [0, 2] x [0, 1] takes the energy int E/2, E of a polynomial or with a jump on
     sides, where it is that of either neighbour.

@@ -321,7 +321,7 @@ def test_counts_are_not_above_the_slides(solved, subdomains, loading, method):
 
 
 @pytest.mark.parametrize("loading", LOADINGS)
-@pytest.mark.some(1)
+@pytest.mark.slow
 def test_plain_and_default_method_find_the_same(solved, loading):
     default, plain = (solved(loading=loading, cells=5, **TIGHT, **method) for method in ({}, PLAIN))
     for name in ("u_n", "u_t", "sigma_n", "sigma_t"):

@@ -62,6 +62,7 @@ QUADRATIC = ["P2", "P2-mixed"]
 
 @pytest.mark.parametrize("element", QUADRATIC)
 @pytest.mark.parametrize("subdomains", ["4x2", "5"])
+@pytest.mark.some(2)
 def test_stiffness_equals_an_independent_assembly(built, subdomains, element):
     """Strains of elements.py at quadrature points, exact for their products; P2-mixed takes the
     volume change projected.
@@ -91,6 +92,7 @@ def test_stiffness_equals_an_independent_assembly(built, subdomains, element):
 
 @pytest.mark.parametrize("element", QUADRATIC)
 @pytest.mark.parametrize("subdomains", ["4x2", "3x3", "7"])
+@pytest.mark.some(2)
 def test_nodes_of_neighbours_have_one_number_and_place(built, subdomains, element):
     problem = built("model", reduce=False, cells=3, subdomains=subdomains, element=element)
     gid = np.concatenate([sub.node_gid for sub in problem.subdomains])
@@ -175,6 +177,7 @@ def test_point_load_acts_at_its_vertex(built, variant):
 @pytest.mark.parametrize("element", QUADRATIC)
 @pytest.mark.parametrize("options", [dict(subdomains="4x2", angle=30),
                                      dict(subdomains="7", angle=-137.5)], ids=str)
+@pytest.mark.some(2)
 def test_patch_is_exact(solved, options, element):
     """A constant pressure comes out constant at vertices and middles: no checkerboard."""
     run = solved("patch", cells=4, rtol=TIGHT, element=element, **options)
@@ -450,7 +453,7 @@ def test_fields_are_quadratic_triangles(cantilever):
 
 
 @pytest.mark.parametrize("subdomains, element", [("4x2", "P2"), ("6", "P2"), ("6", "P2-mixed")])
-@pytest.mark.some(2)
+@pytest.mark.some(1)
 def test_recovered_stress_tells_the_error(solved, built, steps_of, subdomains, element):
     """The fitted stress converges faster than the computed one: the ratio to the true error tends
     to one.
@@ -475,6 +478,7 @@ def test_recovery_of_a_smooth_stress_is_exact(built):
         np.testing.assert_allclose(found, recovery.AT_NODES @ stress, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_adaptive_meshes_follow_the_recovered_error(solved):
     """Four times the triangles: the error falls by 2^2 where they are well placed, by 2^0.5 if at
     the corner alone.

@@ -202,6 +202,7 @@ def test_mindlin_shear_converges(solved):
     assert errors[1] < errors[0] / 1.7 and errors[1] < 0.02, errors
 
 
+@pytest.mark.slow
 def test_mindlin_has_no_error_in_time(solved):
     """At constant pressure the shear of a sliding point is constant, so that implicit steps which
     meet the turning points are exact, in what they dissipate as well; the pressure changes by the
@@ -214,6 +215,7 @@ def test_mindlin_has_no_error_in_time(solved):
                       - many.contact["sigma_t"][at(many, time)]).max() < 2e-3 * size
 
 
+@pytest.mark.slow
 def test_mindlin_loop_energy(solved):
     # the coupling lowers the loop's area by 1.7 beta^2: 14% at nu = 0.3, 1.4% at nu = 0.45, where
     # 1.3% was measured

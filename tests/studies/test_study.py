@@ -124,7 +124,7 @@ def test_friction_values_agree_with_single_runs(made, solved):
 
 
 @pytest.mark.parametrize("loading", ["monotone", "nonmonotone"])
-@pytest.mark.some(1)
+@pytest.mark.slow
 def test_values_depend_neither_on_their_order_nor_on_newton(made, monkeypatch, loading):
     """Forth and back, in chains of three that start elsewhere, and by successive approximations
     alone."""
@@ -156,6 +156,7 @@ def test_a_step_in_known_states_takes_one_iteration_and_two_products(made):
             for row in later} == {("1", "2")}
 
 
+@pytest.mark.slow
 def test_values_beyond_uniqueness_are_reported(made):
     """The model example at one step, which has three solutions from F = 5.45 on and one at 0.3."""
     summary, files = made(scene="model", friction="0.3,5.6", steps="1",
@@ -218,7 +219,7 @@ def test_travel_of_bodies_without_support_is_studied_on_any_number_of_ranks(made
 
 @pytest.mark.parametrize("axisymmetric, gap", [
     ("", "d*(1. + x)"), ("macro axisymmetric() 1 //", "d")])
-@pytest.mark.some(1)
+@pytest.mark.slow
 def test_gaps_between_bodies_vary(made, solved, tmp_path, axisymmetric, gap):
     """What pairGap adds to the geometry; and contact of a body of revolution without its loads."""
     path = tmp_path / "apart.edp"
@@ -437,7 +438,7 @@ def test_surfaces_that_wear_or_yield_agree_with_single_runs(made, solved, scene,
 
 
 @pytest.mark.parametrize("values", ["0.1,0.3", "0.3,0.1"])
-@pytest.mark.some(1)
+@pytest.mark.slow
 def test_corners_that_open_do_not_change_what_other_values_find(made, solved, named_scene, values):
     """The vertex of two boundaries with cohesion, of which one lets go: rows kept apart in one
     state are as they were in the next, for other steps and other values.

@@ -217,6 +217,7 @@ def test_orders_are_slopes(power):
     assert rates.order(sizes, [0.0, 0.0, 0.0]) == ""
 
 
+@pytest.mark.slow
 def test_slip_and_dissipation_of_the_zones_have_their_orders(tmp_path):
     """Quadratic elements: slip of order 3 in L2, its work of order 3."""
     series = next(one for one in rates.SERIES
