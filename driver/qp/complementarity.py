@@ -234,7 +234,7 @@ def _lemke_on_springs(problem: CoulombProblem) -> np.ndarray | None:
             x = lemke(problem.on_springs(softness, rest))
             if x is None:
                 continue
-            moved = rest + softness * (problem.balance - problem.motions.T @ x) / problem.reach**2
+            moved = problem.sprung(softness, rest, x)
             follows, z = moved if rest is follows else follows, np.append(x, moved)
             exact = problem.solution_in(problem.states(z), problem.signs(z))
             for solution in (exact, newton(problem, z)):

@@ -265,6 +265,10 @@ class CoulombProblem:
                               self.load + self.motions @ rest + turned @ self.balance,
                               self.coefficient, self.pair, self.bilateral, offset=self.offset)
 
+    def sprung(self, softness: float, rest: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """(k,) where the bodies `on_springs` are under the forces x (n + m,)."""
+        return rest + softness * (self.balance - self.motions.T @ x) / self.reach**2
+
 
 class StateSystem:
     """LU factors of the law in given states, for the multipliers that these leave free.

@@ -90,8 +90,24 @@ def test_a_descent_that_takes_too_long_ends(monkeypatch):
     assert solution_within(bounded(rocking(0), np.full(N, 0.1)), np.zeros(2 * N)) is None
 
 
-def test_bodies_without_support_have_no_least_energy():
-    """A block that its load moves off: None, not a number."""
+def test_bodies_without_support_come_to_rest_on_springs():
+    """Flats that rock and besides rise and shift with nothing to hold them: Newton's method circles
+    in all of these. The end is that of the bodies themselves, in balance to rounding.
+    """
+    for seed in range(12):
+        held, rng = rocking(seed), np.random.default_rng(seed)
+        rises = np.append(np.ones(N), np.full(N, 0.3))[:, None]
+        balance = rises.T @ np.append(rng.uniform(0.0, 0.3, N), np.zeros(N))
+        flat = CoulombProblem(held.compliance, held.load, np.zeros(N), np.arange(N), False, rises,
+                              balance, offset=np.full(N, 0.1))
+        start = np.zeros(2 * N + 1)
+        assert newton(flat, start) is None
+        assert flat.solves(solution_within(flat, start))
+        assert flat.solves(approximation(flat, start))
+
+
+def test_a_body_that_its_load_moves_off_comes_to_no_rest():
+    """None, not a number."""
     body = CoulombProblem(np.eye(2), np.array([1.0, 1.0]), np.zeros(0), np.zeros(0, int), False,
-                          np.ones((2, 1)), np.array([1.0]))
+                          np.ones((2, 1)), np.array([-1.0]))
     assert solution_within(body, np.zeros(3)) is None
