@@ -18,6 +18,7 @@ LATER = 1.5  # of the body's size: how far away obstacles are drawn that it meet
 REACH = 0.2  # of a picture's width: half of what is drawn of a plane
 ROUND = 4  # marks of a curved obstacle are those of a body at most so many times as large
 STRAIGHT = 1.2  # length of an obstacle over its extent up to which its marks do not meet
+STEEP = 0.87  # sine of the angle between surface and nodes, from which its ends are not drawn
 BREAK = 0.5  # relative difference of distance and arc where a new piece begins
 
 
@@ -138,6 +139,17 @@ def _facing(nodes: np.ndarray, normal: np.ndarray) -> list[np.ndarray]:
     return [run for run in np.split(nodes, np.flatnonzero(back) + 1) if len(run)]
 
 
+def _level(nodes: np.ndarray, surface: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """`nodes` (k,) in a row but for ends where the `surface` is steep along the `normal`.
+
+    Seen along the body's normals a round obstacle that moves has no sides: it goes on for ever.
+    """
+    edge = np.diff(surface[nodes], axis=0)
+    across = np.abs((edge * (normal[nodes][:-1] + normal[nodes][1:]) / 2).sum(axis=1))
+    level = np.flatnonzero(across <= STEEP * np.linalg.norm(edge, axis=1))
+    return nodes[level[0] : level[-1] + 2] if len(level) else nodes
+
+
 def surfaces(run: Run, time: float, size: float, times: float) -> list[tuple]:
     """Pieces of the rigid obstacles as contact.csv tells them, in the run's own unit of length.
 
@@ -165,7 +177,7 @@ def _surfaces(rows: dict, size: float, factor: float, away: float, times: float)
     normal = np.column_stack([rows["normal_x"], rows["normal_y"]])
     gap = rows["gap"] * factor
     surface = np.column_stack([rows["x"], rows["y"]]) * factor + (gap + away)[:, None] * normal
-    for near in (part for piece in pieces(rows)
+    for near in (_level(part, surface, normal) for piece in pieces(rows)
                  for part in _facing(piece[np.abs(gap[piece]) < FAR * size], normal)):
         points = surface[near]
         if len(near) == 1:

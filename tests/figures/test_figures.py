@@ -379,6 +379,24 @@ def test_foundation_under_a_round_body_is_as_flat_as_its_gap_says():
     assert np.all(marks[:, 1, 1] < marks[:, 0, 1] - 0.02 * size)
 
 
+@pytest.mark.parametrize("wall", [0.0, 3.0])
+def test_a_round_obstacle_seen_along_the_bodys_normals_has_no_sides(wall):
+    """A circle of radius one over a plane, by the first-order distances of an obstacle that moves:
+    a parabola, drawn up to where it is steep. Steps of an obstacle between level parts are drawn.
+    """
+    x = np.linspace(-3, 3, 121)
+    away = np.hypot(x, 1.0)
+    gap = (away - 1) * away if not wall else np.where(np.abs(x) < 1, 0.0, wall)
+    contact = {"x": x, "y": 0 * x, "normal_x": 0 * x, "normal_y": 0 * x + 1, "gap": gap, "arc": x}
+    axes = Figure().add_subplot()
+    obstacle.draw_obstacle(axes, contact, 100.0, 1.0)
+    line = np.array(axes.collections[0].get_segments())
+    if wall:
+        assert (line[:, :, 0].min(), line[:, :, 0].max()) == (-3, 3)
+    else:
+        assert 1.0 < line[:, :, 0].max() < 1.3 and line[:, :, 1].max() < 1.1
+
+
 @pytest.mark.parametrize("bent, longer", [(0.0, 0.6), (0.1, 0.0)])
 def test_a_flat_foundation_goes_on_as_far_as_the_body_slides(bent, longer):
     """By the displacement as it is drawn; nothing is known of how a curved one goes on."""
