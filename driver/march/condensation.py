@@ -27,12 +27,14 @@ class Condensation:
 
     Without those that the states of corners exclude and those of nodes that face nothing: `nodes`
     (n,) have a normal row. Where a corner is open on both sides and rubs, its normal rows stay,
-    alone and open: `apart` are their places. `guess` is a dual vector near the solution of the
-    first step, `eliminated` whether steps have begun to go by the `elimination`. Collective.
+    alone and open: `apart` are their places. `depends`: there are junctions, whose rows depend on
+    one another. `guess` is a dual vector near the solution of the first step, `eliminated` whether
+    steps have begun to go by the `elimination`. Collective.
     """
 
     operator: DualProblem
     rows: ContactRows
+    depends: bool = False
     guess: np.ndarray | None = None
     eliminated: bool = False
 
@@ -272,7 +274,7 @@ class Condensation:
         if self._law is None:
             self._law = CoulombProblem(compliance, np.zeros(self.n + self.m),
                                        np.zeros(self.m), self.pair, self._bilateral(),
-                                       self._motions())
+                                       self._motions(), depends=self.depends)
         offset = None
         if rows.offset is not None:
             offset = self.of_tangential(rows.offset)

@@ -89,7 +89,7 @@ class QuasistaticSolver:
         self.slip = SlipState(operator, self.rows, self.effects, self.initial)
         self.qp = FrictionQP(operator, self.rows, self.settings, self.scales, self.history, bound)
         self.bodies = self._bodies()
-        self.condensation = Condensation(operator, self.rows)
+        self.condensation = Condensation(operator, self.rows, self.junctions is not None)
         self.residuals = Residuals(self.qp, self.bodies, self.slip, self.condensation)
         self.fixed_point = FixedPoint(self.qp, self.bodies, self.slip, self.condensation)
         self.corners = self.fixed_point if self.rows.corners is None else (

@@ -8,6 +8,7 @@ from ..environment import PLAIN_PROGRAM, silenced
 from . import pivots
 from .active_set import solution_within
 from .coulomb import BACKWARD, FORWARD, OPEN, STICK, CoulombProblem
+from .dependent_rows import by_yielding
 from .nearby import nearly_in
 
 DISTINCT = 1e-6  # solutions nearer than this part of the largest multiplier are the same
@@ -75,6 +76,8 @@ def approached(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
     Hueeber, G. Stadler, B. Wohlmuth, SIAM J. Sci. Comput. 30 (2008) 572-596). None if no start
     leads to a solution.
     """
+    if problem.depends:
+        return by_yielding(problem, start, approached)
     solutions = (approached_once(problem.softer(part), start) for part in PARTS)
     return next((z for z in solutions if z is not None), None)
 

@@ -22,13 +22,11 @@ from scipy.linalg import qr
 
 from . import complementarity
 from .coulomb import BACKWARD, FORWARD, OPEN, STICK, CoulombProblem
+from .dependent_rows import yielding
 from .equations import Equations
 
 PIVOTS = 300  # changes of states along a path, at most
 SMALL = (1e-3, 1e-1)  # random parts of d_0, relative to forces and movements
-# compliance of every row beside its own: conditions that depend on one another, as where three
-# bodies meet in one place, have unique forces; Newton's method ends in the problem as it is
-OWN = 1e-10
 FAR = 1e6  # theta, or ways of bodies in units of what loads move, at which a path has run off
 
 
@@ -37,7 +35,8 @@ def at_the_end_of_a_path(problem: CoulombProblem, start: np.ndarray) -> np.ndarr
 
     None if all run off or take more than PIVOTS changes of states. Deterministic.
     """
-    regular = problem.yielding(OWN)
+    # forces are unique; Newton's method ends in the problem as it is
+    regular = yielding(problem)
     starts = *complementarity.all_alike(regular), start
     ends = (_Path(regular, near, small).end() for small in SMALL for near in starts)
     solutions = (complementarity.newton(problem, z) for z in ends if z is not None)

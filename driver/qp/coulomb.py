@@ -46,6 +46,7 @@ class CoulombProblem:
     (m,), None: zero. `bilateral` (n,), or all alike: lambda_n of any sign and over = 0; the
     friction bound is c + F |lambda_n|. `motions` R (n + m, k) and `balance` L (k,) are of bodies
     without support. Solutions are vectors z = (lambda_n, lambda_t, beta) of n + m + k numbers.
+    `depends`: movements of some rows are the same whatever the forces, as where three bodies meet.
     `latest`: what the latest systems are of, these, and a list of what is kept beside them, with
     friction that pressures bound or not, of all problems that `under` makes.
     """
@@ -58,6 +59,7 @@ class CoulombProblem:
     motions: np.ndarray | None = None
     balance: np.ndarray | None = None
     offset: np.ndarray | None = None
+    depends: bool = False
     latest: dict = field(default_factory=dict, repr=False)
 
     def __post_init__(self):
@@ -90,12 +92,6 @@ class CoulombProblem:
         if offset is not None:
             other._set_offset(offset)
         return other
-
-    def yielding(self, part: float) -> "CoulombProblem":
-        """The same problem, in which every row yields by `part` of its compliance more."""
-        own = np.diag(part * np.diag(self.compliance))
-        return CoulombProblem(self.compliance + own, self.load, self.coefficient, self.pair,
-                              self.bilateral, self.motions, self.balance, self.offset)
 
     def softer(self, part: float) -> "CoulombProblem":
         """The same problem, in which movements count by `part` of the rigidity in `states`.

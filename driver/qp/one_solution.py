@@ -7,6 +7,7 @@ import numpy as np
 
 from .complementarity import approached, approximation, newton
 from .coulomb import ROUNDING, STICK, CoulombProblem
+from .dependent_rows import by_yielding
 from .nearby import nearly_in
 
 NEAR = 0.1  # part of the nodes whose movements say another state than their forces, at most
@@ -22,6 +23,8 @@ def only_solution(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | No
     and movements count by little: a whole surface that closes or turns is far softer than each of
     its nodes, which would open and close in turn.
     """
+    if problem.depends:
+        return by_yielding(problem, start, only_solution)
     if problem.k and not start[: problem.n].any():
         start = _touching(problem, start)
     if not problem.coefficient.any():

@@ -103,6 +103,62 @@ def test_forces_where_four_blocks_meet(solved, named_scene, pair, gap, more, clo
         np.testing.assert_allclose(-c["sigma_n"], law, atol=1e-6 * largest)
 
 
+WALL = """// bricks in running bond on a floor, pressed from above and pushed at the top
+include "scene.idp"
+func mesh brick(real left, real y0, int halves, int base) {{
+  mesh Th = square(2*halves, 2, [left + halves*x, y0 + y]);
+  return change(Th, flabel = base + (label == 1)*(1 + (x > left + 1)) + 3*(label == 2)
+                             + (label == 3)*(4 + (x > left + 1)) + 6*(label == 4));
+}}
+{bricks}
+quasistatic(1.);
+macro young() 5e4 //
+macro poisson() 0.2 //
+macro contact() {floor} //
+macro contactPair() {pairs} //
+macro friction() 0.5 //
+macro bodyForce1() [0., -0.4] //
+macro load2() {loads} //
+macro amplitude2(t) min(1., 4*t) //
+macro load3() traction({push}, 0.17, 0.) //
+macro amplitude3(t) max(0., (t - 0.25)/0.75) //
+include "export.idp"
+"""
+
+
+def wall(rows: int, length: int) -> str:
+    """Scene of a wall so many bricks high and long, halves at the ends of every other row."""
+    bricks, pairs, floor, below = [], [], [], {}
+    for row in range(rows):
+        ends, tops = sorted({0, 2 * length, *range(row % 2, 2 * length + 1, 2)}), {}
+        for left, right in zip(ends, ends[1:]):
+            base = 10 * (len(bricks) + 1)
+            bricks.append(f"addBody(brick({left}, {row}, {right - left}, {base}))")
+            for half in range(right - left):
+                tops[left + half] = base + 4 + half
+                under = below.get(left + half)
+                floor += [] if under else [base + 1 + half]
+                pairs += [base + 1 + half, under] if under else []
+            pairs += [base - 7, base + 6] if left else []
+        below, push = tops, base - 10 * (len(ends) - 2) + 6
+    return WALL.format(
+        bricks="\n".join(bricks), floor=", ".join(map(str, floor)), push=push,
+        pairs=", ".join(map(str, pairs)),
+        loads=" + ".join(f"traction({label}, 0., -0.2)" for label in below.values()))
+
+
+def test_a_wall_of_bricks_is_solved_by_its_contact_rows(solved, named_scene):
+    """Vertices where three bricks meet: states by forces that go around there had Newton's method
+    go to and fro, and thousands of products were taken instead. The same at another cut.
+    """
+    path = named_scene("wall", wall(4, 3))
+    one, other = (solved(path, steps=4, **cut, **TIGHT) for cut in ({}, {"subdomains": 23}))
+    counts = one.summary["counts"]
+    assert counts["condensed_steps"] == 4 and counts["dual_multiplications"] < 40
+    largest = np.abs(by_place(one)).max()
+    assert np.abs(by_place(other) - by_place(one)).max() <= 1e-5 * largest
+
+
 def test_without_bodies_that_meet_there_are_none(built):
     for scene in ("model", "wedge"):
         contact = built(scene).structure.contact
