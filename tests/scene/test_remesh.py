@@ -167,3 +167,18 @@ def test_a_corner_between_curves_stays_one_on_the_finer_outline(scene, built):
     x, y = sub.xy[np.unique(sub.edges[sub.edge_label == 3])].T
     assert abs(y - 0.4*np.sin(np.pi*x/5)).max() < 1e-3
     assert 40 <= len(x) <= 50
+
+
+@pytest.mark.parametrize("rise", [0.02, 0.2, 0.4])
+def test_a_circle_stays_round_beside_a_blunt_corner(scene, built, rise):
+    """The middle of its top turns by 1, 11 or 23 degrees, the hole's vertices by 18."""
+    text = PLATE.replace("x = t; y = 3; label = 3;", f"x = t; y = 3 + {rise}*(2 - abs(t - 2))"
+                         "/2; label = 3;")
+    problem = built(scene(text), remesh=0.5, subdomains=1)
+    sub = problem.subdomains[0]
+    radius = np.linalg.norm(sub.xy[np.unique(sub.edges[sub.edge_label == 6])] - [1.2, 1.8], axis=1)
+    assert len(radius) > 30
+    np.testing.assert_allclose(radius, 0.5, atol=1e-4)  # its own sides are off by 6e-3
+    top = sub.xy[np.unique(sub.edges[sub.edge_label == 3])]
+    np.testing.assert_allclose(top[:, 1], 3 + rise * (2 - abs(top[:, 0] - 2)) / 2,
+                               atol=1e-9 if rise > 0.3 else 5e-3)
