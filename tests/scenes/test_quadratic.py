@@ -171,11 +171,13 @@ include "export.idp"
 """
 
 
-def test_contact_on_a_flat_side_beside_a_rounding_is_flat(built, named_scene):
+@pytest.mark.parametrize("curved", ["", "macro curved() 3, 4 //\n"])
+def test_contact_on_a_flat_side_beside_a_rounding_is_flat(built, named_scene, curved):
     """The curve through its vertices bowed from it by a ninetieth of the side, a third of what the
     load presses.
     """
-    contact = built(named_scene("rounded", ROUNDED), reduce=False, element="P2",
+    text = ROUNDED.replace("macro contact", curved + "macro contact")
+    contact = built(named_scene("rounded", text), reduce=False, element="P2",
                     subdomains=1).structure.contact
     flat = abs(contact.xy[:, 0]) < 3 - 1e-9
     assert flat.sum() > 15
