@@ -142,3 +142,87 @@ def test_meshes_without_a_size_have_errors_and_prices(scene, solved):
     finer = solved(scene(PLATE), REMESH=0.2).summary["quantities"]["normal_resultant"]
     assert abs(entry["value"] - finer) < entry["total"] < 0.2 * finer
     assert "REMESH=0.5" in errors["advice"] and errors["prices"]["lines"]
+
+
+WAVE = """include "scene.idp"
+func real wave(real s) { return 0.4*sin(pi*s/5); }
+border base(t = -5, 5) { x = t; y = -8; label = 1; }
+border right(t = 0, 1) { x = 5 + 2*sin(pi*t); y = -8*(1 - t); label = 2; }
+border surface(t = 5, -5) { x = t; y = wave(t); label = 3; }
+border left(t = 1, 0) { x = -5; y = -8*(1 - t); label = 4; }
+body = buildmesh(base(7) + right(9) + surface(23) + left(12));
+macro young() 1. //
+macro poisson() 0.3 //
+macro support() on(1, u1 = 0., u2 = 0.) //
+include "export.idp"
+"""
+
+
+def test_a_corner_between_curves_stays_one_on_the_finer_outline(scene, built):
+    """Its sides turn there by 38.3 degrees, the curves through them by less; rounded it was off by
+    4e-3, and sides as short as that.
+    """
+    problem = built(scene(WAVE), remesh=0.5, subdomains=1)
+    sub = problem.subdomains[0]
+    x, y = sub.xy[np.unique(sub.edges[sub.edge_label == 3])].T
+    assert abs(y - 0.4*np.sin(np.pi*x/5)).max() < 1e-3
+    assert 40 <= len(x) <= 50
+
+
+@pytest.mark.parametrize("rise", [0.02, 0.2, 0.4])
+def test_a_circle_stays_round_beside_a_blunt_corner(scene, built, rise):
+    """The middle of its top turns by 1, 11 or 23 degrees, the hole's vertices by 18."""
+    text = PLATE.replace("x = t; y = 3; label = 3;", f"x = t; y = 3 + {rise}*(2 - abs(t - 2))"
+                         "/2; label = 3;")
+    problem = built(scene(text), remesh=0.5, subdomains=1)
+    sub = problem.subdomains[0]
+    radius = np.linalg.norm(sub.xy[np.unique(sub.edges[sub.edge_label == 6])] - [1.2, 1.8], axis=1)
+    assert len(radius) > 30
+    np.testing.assert_allclose(radius, 0.5, atol=1e-4)  # its own sides are off by 6e-3
+    top = sub.xy[np.unique(sub.edges[sub.edge_label == 3])]
+    np.testing.assert_allclose(top[:, 1], 3 + rise * (2 - abs(top[:, 0] - 2)) / 2,
+                               atol=1e-9 if rise > 0.3 else 5e-3)
+
+
+RINGS = """include "scene.idp"
+border one(t = 0, 0.9) { x = 10*cos(t); y = 10*sin(t); label = 1; }
+border two(t = 0.9, 2*pi) { x = 10*cos(t); y = 10*sin(t); label = 2; }
+border core(t = 0, 2*pi) { x = 5*cos(t); y = 5*sin(t); label = 3; }
+border spoke(t = 5, 10) { x = t*cos(0.9); y = t*sin(0.9); label = 98; }
+border other(t = 5, 10) { x = t; y = 0; label = 99; }
+body = buildmesh(one(8) + two(34) + core(28) + spoke(6) + other(6));
+macro young() 1. //
+macro poisson() 0.3 //
+macro support() on(1, 2, u1 = 0., u2 = 0.) //
+include "export.idp"
+"""
+ROUNDED = """include "scene.idp"
+border sole(t = -3, 3) { x = t; y = 0; label = 4; }
+border right(t = -pi/2, 0) { x = 3 + cos(t); y = 1 + sin(t); label = 3; }
+border up(t = 1, 3) { x = 4; y = t; label = 2; }
+border top(t = 4, -4) { x = t; y = 3; label = 1; }
+border down(t = 3, 1) { x = -4; y = t; label = 2; }
+border left(t = -pi, -pi/2) { x = -3 + cos(t); y = 1 + sin(t); label = 3; }
+body = buildmesh(sole(9) + right(6) + up(4) + top(8) + down(4) + left(6));
+macro young() 1. //
+macro poisson() 0.3 //
+macro support() on(1, u1 = 0., u2 = 0.) //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("remesh", [0.5, 0.2])
+def test_circles_of_uneven_sides_stay_round(scene, built, remesh):
+    """Also where regions meet their boundary; its sides are off by 0.03 and more."""
+    sub = built(scene(RINGS), remesh=remesh, subdomains=1).subdomains[0]
+    nodes = np.unique(sub.edges[np.isin(sub.edge_label, (1, 2))])
+    np.testing.assert_allclose(np.linalg.norm(sub.xy[nodes], axis=1), 10, atol=1e-3)
+
+
+def test_a_flat_side_stays_flat_beside_a_rounding(scene, built):
+    sub = built(scene(ROUNDED), remesh=0.4, subdomains=1).subdomains[0]
+    flat = sub.xy[np.unique(sub.edges[sub.edge_label == 4])]
+    assert len(flat) > 20 and abs(flat[:, 1]).max() < 1e-3  # a side of 0.67 bulged by 5e-3
+    x, y = sub.xy[np.unique(sub.edges[sub.edge_label == 3])].T
+    away = np.hypot(abs(x) - 3, y - 1)
+    np.testing.assert_allclose(away, 1, atol=5e-3)  # its sides are off by 8.6e-3
