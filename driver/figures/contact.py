@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from . import theory
-from .layout import PANELS, panel_grid, panels_note, run_header
+from .layout import fitting, panel_grid, run_header
 from .reading import Run, contact_boundaries, segment_ends, select
 from .scales import Scale, length_scale, stress_scale
 from .style import BLUE, INK, RED, STATUS, status_name
@@ -124,8 +124,7 @@ def widen(axes, span: float) -> None:
 
 def contact_panels(figure: Figure, run: Run, caption: str, panels: tuple) -> None:
     """Stress above displacement for every contact boundary, drawn by the two functions `panels`."""
-    boundaries = final_boundaries(run)
-    shown = boundaries[:PANELS]
+    shown, note = fitting(final_boundaries(run), run.contact)
     names = ("sigma_t", "bound"), ("u_t",)
     if panels[0] is normal_stress:
         names = ("sigma_n",), ("u_n",)
@@ -148,7 +147,7 @@ def contact_panels(figure: Figure, run: Run, caption: str, panels: tuple) -> Non
     figure.align_ylabels()
     status = np.concatenate([rows["status"] for _, rows in shown])
     run_header(figure, run, caption + run.at(final_time(run)),
-               [*handles.values(), *zone_handles(run, status, pale)], panels_note(boundaries))
+               [*handles.values(), *zone_handles(run, status, pale)], note)
 
 
 def mark_alone(axes, line) -> None:
@@ -234,7 +233,8 @@ def contact_tangential(figure: Figure, run: Run) -> None:
 def contact_status(figure: Figure, run: Run) -> None:
     """Open, stick and slip over arc and time; a step's cell covers the time since the last one."""
     boundaries = [(label, in_one(rows)) for label, rows in contact_boundaries(run.contact)]
-    shown, seen, widened = boundaries[:PANELS], [], False
+    shown, missing = fitting(boundaries, run.contact)
+    seen, widened = [], False
     arc = contact_scales(run, shown, ("sigma_n",), ("u_n",))[0]
     for (_, rows), (axes,) in zip(shown, panel_grid(figure, shown, 1, 8.5)):
         times, nodes = np.unique(rows["time"]), np.count_nonzero(rows["step"] == rows["step"][0])
@@ -254,7 +254,7 @@ def contact_status(figure: Figure, run: Run) -> None:
             widened |= _narrow_zones(axes, ends, times, codes[:, part], limits)
         axes.set(xlabel=rf"arc length along $\Gamma_c$ [{arc.label}]", ylabel="time $t$")
         seen.append(status)
-    note = ["narrow closed zones drawn wider"] * widened + [panels_note(boundaries)]
+    note = ["narrow closed zones drawn wider"] * widened + [missing]
     run_header(figure, run, r"Contact status on $\Gamma_c$ over time",
                zone_handles(run, np.concatenate(seen), str), ", ".join(filter(None, note)))
 
