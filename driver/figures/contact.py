@@ -43,11 +43,14 @@ def breaks(rows: dict) -> np.ndarray:
     """Places in the `rows` of a boundary's nodes at which another part begins that does not meet
     the one before.
 
-    Nodes that share an edge are no farther apart than their dual segments are long.
+    Nodes that share an edge are no farther apart than their dual segments are long or, where the
+    other body ends beside that edge, as the nodes next to them are.
     """
     length = rows["length"]
     away = np.maximum(np.diff(rows["arc"]), np.hypot(np.diff(rows["x"]), np.diff(rows["y"])))
-    return np.flatnonzero(away > MEET * (length[:-1] + length[1:])) + 1
+    reach = length[:-1] + length[1:]
+    sides = np.concatenate([[0.0], np.where(away > MEET * reach, 0.0, away), [0.0]])
+    return np.flatnonzero(away > MEET * np.maximum(reach, np.maximum(sides[:-2], sides[2:]))) + 1
 
 
 def zone_handles(run: Run, status: np.ndarray, tint) -> list:

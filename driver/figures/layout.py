@@ -95,7 +95,7 @@ def fitting(boundaries: list, contact: dict) -> tuple[list, str]:
     in which it carries most, so that all figures of a run show the same ones.
     """
     carried = {label: np.bincount(rows["step"].astype(int),
-                                  rows["length"] * np.abs(rows["sigma_n"])).max()
+                                  rows["weight"] * np.abs(rows["sigma_n"])).max()
                for label, rows in contact_boundaries(contact)}
     foremost = sorted((label for label, _ in boundaries), key=lambda label: -carried[label])
     names = sorted(foremost[PANELS:])

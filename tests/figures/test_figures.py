@@ -324,7 +324,7 @@ def test_contact_boundaries_that_carry_most_are_those_shown():
     step, label, _ = (k.ravel() for k in np.meshgrid([1, 2], labels, range(nodes), indexing="ij"))
     presses = (label == 9) & (step == 2) | (label == 4) & (step == 1)
     contact_table = {"step": step, "boundary": label, "arc": np.tile(np.arange(nodes), 18),
-                     "length": np.ones(54), "sigma_n": np.where(presses, -1.0, 0.0)}
+                     "weight": np.ones(54), "sigma_n": np.where(presses, -1.0, 0.0)}
     at_end = reading.contact_boundaries(reading.select(contact_table, step == 2))
     shown, note = layout.fitting(at_end, contact_table)
     assert [name for name, _ in shown] == [1, 2, 3, 4, 5, 9]
@@ -354,7 +354,7 @@ def test_boundary_edges_point_outward(run):
 
 
 def test_edges_of_bodies_that_touch_keep_their_sides():
-    """Halves of quadratic sides, other lengths on the other body: the nearest side is not theirs."""
+    """Halves of quadratic sides, others on the other body: the nearest side is another one."""
     up, down = np.linspace(0, 3, 5), np.linspace(3, 0, 8)
     ends = [(np.column_stack([0 * y, y])[:-1], np.column_stack([0 * y, y])[1:]) for y in (up, down)]
     start, end = (np.concatenate(part) for part in zip(*ends))
@@ -1253,6 +1253,13 @@ def test_parts_of_a_boundary_that_do_not_meet_are_apart():
             "length": np.array([0.5, 1, 0.5, 0.5, 1, 0.5, 0.5]),
             "x": np.array([0.0, 1, 2, 7, 8, 14, 15]), "y": np.zeros(7)}
     assert contact.breaks(rows).tolist() == [3, 5]
+
+
+def test_a_node_beyond_the_end_of_the_other_body_is_no_part_of_its_own():
+    """It carries what of its side faces the other body, a seventh here; nodes alone stay so."""
+    rows = {"arc": np.array([0.0, 1, 2, 3, 8, 13]), "x": np.array([0.0, 1, 2, 3, 8, 13]),
+            "length": np.array([0.5, 1, 0.64, 0.01, 0.5, 0.5]), "y": np.zeros(6)}
+    assert contact.breaks(rows).tolist() == [4, 5]
 
 
 def test_a_closed_outline_that_starts_inside_a_label_is_one_curve(run):
