@@ -63,9 +63,9 @@ def without_names(without: tuple[str, ...]) -> set[str]:
             known.update(name for macro in room.macros for name in macro.names)
     for name in without:
         if name not in known:
-            raise InputError(f"'{name}' is no effect that can be left out{near(name, known)}; "
-                             f"effects are {', '.join(effects)}, {QUASISTATIC}, and load1, "
-                             "amplitude1, ...")
+            raise InputError(f"'{name}' is no effect that can be left out; effects are "
+                             f"{', '.join(effects)}, {QUASISTATIC}, and load1, amplitude1, ..."
+                             f"{near(name, known)}")
     absent = set(without)
     for room in rooms():  # in which what is needed comes first
         if absent & {name for names in (*room.needs, room.brings) for name in names}:
