@@ -23,6 +23,23 @@ def words(name: str) -> str:
     return name.replace("_", " ")
 
 
+def near(name: str, known) -> str:
+    """What a misspelt name may mean, as the end of a message; "" if nothing is near.
+
+    Of numbered ones the first, where the name has no number.
+    """
+    import difflib  # takes longer to import than the check takes
+
+    found = difflib.get_close_matches(name, sorted(known), 1)
+    if not found:
+        return ""
+    meant, digits = found[0], "0123456789"
+    if name == name.rstrip(digits):
+        stem = meant.rstrip(digits)
+        meant = min(word for word in known if word.rstrip(digits) == stem)
+    return f"; did you mean {meant}?"
+
+
 def step_name(index: int) -> str:
     """A time step in a message; before the first one is the preload."""
     return f"step {index}" if index else "preload"

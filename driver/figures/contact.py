@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from . import theory
-from .layout import PANELS, panel_grid, panels_note, run_header
+from .layout import fitting, panel_grid, run_header
 from .reading import Run, contact_boundaries, segment_ends, select
 from .scales import Scale, length_scale, stress_scale
 from .style import BLUE, INK, RED, STATUS, status_name
@@ -43,11 +43,14 @@ def breaks(rows: dict) -> np.ndarray:
     """Places in the `rows` of a boundary's nodes at which another part begins that does not meet
     the one before.
 
-    Nodes that share an edge are no farther apart than their dual segments are long.
+    Nodes that share an edge are no farther apart than their dual segments are long or, where the
+    other body ends beside that edge, as the nodes next to them are.
     """
     length = rows["length"]
     away = np.maximum(np.diff(rows["arc"]), np.hypot(np.diff(rows["x"]), np.diff(rows["y"])))
-    return np.flatnonzero(away > MEET * (length[:-1] + length[1:])) + 1
+    reach = length[:-1] + length[1:]
+    sides = np.concatenate([[0.0], np.where(away > MEET * reach, 0.0, away), [0.0]])
+    return np.flatnonzero(away > MEET * np.maximum(reach, np.maximum(sides[:-2], sides[2:]))) + 1
 
 
 def zone_handles(run: Run, status: np.ndarray, tint) -> list:
@@ -124,8 +127,7 @@ def widen(axes, span: float) -> None:
 
 def contact_panels(figure: Figure, run: Run, caption: str, panels: tuple) -> None:
     """Stress above displacement for every contact boundary, drawn by the two functions `panels`."""
-    boundaries = final_boundaries(run)
-    shown = boundaries[:PANELS]
+    shown, note = fitting(final_boundaries(run), run.contact)
     names = ("sigma_t", "bound"), ("u_t",)
     if panels[0] is normal_stress:
         names = ("sigma_n",), ("u_n",)
@@ -148,7 +150,7 @@ def contact_panels(figure: Figure, run: Run, caption: str, panels: tuple) -> Non
     figure.align_ylabels()
     status = np.concatenate([rows["status"] for _, rows in shown])
     run_header(figure, run, caption + run.at(final_time(run)),
-               [*handles.values(), *zone_handles(run, status, pale)], panels_note(boundaries))
+               [*handles.values(), *zone_handles(run, status, pale)], note)
 
 
 def mark_alone(axes, line) -> None:
@@ -234,7 +236,8 @@ def contact_tangential(figure: Figure, run: Run) -> None:
 def contact_status(figure: Figure, run: Run) -> None:
     """Open, stick and slip over arc and time; a step's cell covers the time since the last one."""
     boundaries = [(label, in_one(rows)) for label, rows in contact_boundaries(run.contact)]
-    shown, seen, widened = boundaries[:PANELS], [], False
+    shown, missing = fitting(boundaries, run.contact)
+    seen, widened = [], False
     arc = contact_scales(run, shown, ("sigma_n",), ("u_n",))[0]
     for (_, rows), (axes,) in zip(shown, panel_grid(figure, shown, 1, 8.5)):
         times, nodes = np.unique(rows["time"]), np.count_nonzero(rows["step"] == rows["step"][0])
@@ -254,7 +257,7 @@ def contact_status(figure: Figure, run: Run) -> None:
             widened |= _narrow_zones(axes, ends, times, codes[:, part], limits)
         axes.set(xlabel=rf"arc length along $\Gamma_c$ [{arc.label}]", ylabel="time $t$")
         seen.append(status)
-    note = ["narrow closed zones drawn wider"] * widened + [panels_note(boundaries)]
+    note = ["narrow closed zones drawn wider"] * widened + [missing]
     run_header(figure, run, r"Contact status on $\Gamma_c$ over time",
                zone_handles(run, np.concatenate(seen), str), ", ".join(filter(None, note)))
 

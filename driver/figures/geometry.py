@@ -29,7 +29,7 @@ def geometry(figure: Figure, run: Run) -> None:
     mesh, boundary, role = run.first, run.boundary, run.boundary["role"]
     axes, scale = map_axes(figure, run, mesh.xy)
     xy, size = mesh.xy * scale.factor, np.ptp(mesh.xy, axis=0).max() * scale.factor
-    edges = tuple(part * f for part, f in zip(outward_edges(boundary, mesh),
+    edges = tuple(part * f for part, f in zip(outward_edges(boundary),
                                               (scale.factor, scale.factor, 1)))
     handles = _bodies(axes, run, xy)
     axes.add_collection(LineCollection(xy[mesh.rim()[0]], colors="0.62", linewidths=0.35,

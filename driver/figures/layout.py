@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from .reading import Run
+from .reading import Run, contact_boundaries
 from .scales import length_scale
 from .style import INCH, header, place_header
 
@@ -88,10 +88,20 @@ def panel_grid(figure: Figure, boundaries: list, stacked: int, height: float) ->
     return cells
 
 
-def panels_note(boundaries: list) -> str:
-    """Which contact boundaries are not shown, if any, and where they are found."""
-    names = [str(name) for name, _ in boundaries[PANELS:]]
+def fitting(boundaries: list, contact: dict) -> tuple[list, str]:
+    """The contact boundaries that fit in a figure, in their order, and a note on the others.
+
+    Of too many those that carry most of the force are shown, each in the step of all rows `contact`
+    in which it carries most, so that all figures of a run show the same ones.
+    """
+    carried = {label: np.bincount(rows["step"].astype(int),
+                                  rows["weight"] * np.abs(rows["sigma_n"])).max()
+               for label, rows in contact_boundaries(contact)}
+    foremost = sorted((label for label, _ in boundaries), key=lambda label: -carried[label])
+    names = sorted(foremost[PANELS:])
     if not names:
-        return ""
+        return boundaries, ""
     more = f" and {len(names) - NAMED} more" * (len(names) > NAMED)
-    return f"not shown: label {', '.join(names[:NAMED])}{more} (see contact.csv)"
+    listed = ", ".join(str(name) for name in names[:NAMED])
+    return ([(label, rows) for label, rows in boundaries if label not in names],
+            f"not shown, as they carry least: {listed}{more} (see contact.csv)")

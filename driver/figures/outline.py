@@ -25,15 +25,13 @@ def shifted(start: np.ndarray, end: np.ndarray, away: float) -> tuple[np.ndarray
     return start + away * first, end + away * last
 
 
-def outward_edges(boundary: dict, mesh: Mesh):
-    """Boundary edges as (start, end, outward normal), the body on their left."""
+def outward_edges(boundary: dict) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Boundary edges as (start, end, outward normal): in boundary.csv the body is on their left.
+
+    The mesh would not tell whose an edge is where two bodies touch.
+    """
     start = np.column_stack([boundary["x0"], boundary["y0"]])
     end = np.column_stack([boundary["x1"], boundary["y1"]])
-    edges, inside = mesh.rim()
-    nearest = cKDTree(mesh.xy[edges].mean(axis=1)).query((start + end) / 2)[1]
-    inward = mesh.xy[inside[nearest]] - start
-    turned = np.sum(inward * right_of(start, end), axis=1) > 0
-    start[turned], end[turned] = end[turned], start[turned].copy()
     return start, end, right_of(start, end)
 
 

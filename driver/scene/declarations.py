@@ -24,6 +24,7 @@ which says what follows in a run that is traced.
 from pathlib import Path
 
 from ..errors import InputError
+from ..text import near
 from .rooms import NUMBERS, Room, all_macros, camel, rooms, source
 
 FOLDER, MESSAGES = "rooms", "messages"
@@ -63,7 +64,8 @@ def without_names(without: tuple[str, ...]) -> set[str]:
     for name in without:
         if name not in known:
             raise InputError(f"'{name}' is no effect that can be left out; effects are "
-                             f"{', '.join(effects)}, {QUASISTATIC}, and load1, amplitude1, ...")
+                             f"{', '.join(effects)}, {QUASISTATIC}, and load1, amplitude1, ..."
+                             f"{near(name, known)}")
     absent = set(without)
     for room in rooms():  # in which what is needed comes first
         if absent & {name for names in (*room.needs, room.brings) for name in names}:

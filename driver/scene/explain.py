@@ -10,6 +10,7 @@ import re
 from pathlib import Path
 
 from .. import environment
+from ..text import near
 from . import declarations, grammar, rooms, script
 
 COMPILE_ERROR = re.compile(r"Error line number\s*(\d+), in file\s+(macro: \w+ in )?(\S+?), "
@@ -84,9 +85,8 @@ def _as_options(said: str, scene: Path) -> str:
     """FreeFEM's flags, -friction 0.3, as a user gives them to the driver, FRICTION=0.3."""
     known = [*grammar.parameters(scene).values(), *grammar.OF_LIBRARY, "h", "cells"]
     if unknown := re.match(r"unknown parameter '-(\w+)'; this scene reads", said):
-        names = [name.upper() for name in re.findall(r" -(\w+)", said)]
-        return (f"unknown parameter {unknown[1].upper()}; this scene reads {', '.join(names)}"
-                f"{script.near(unknown[1].upper(), names)}")
+        name, names = unknown[1].upper(), re.findall(r" -(\w+)", said.upper())
+        return f"unknown parameter {name}; this scene reads {', '.join(names)}{near(name, names)}"
     flags = "|".join(sorted(known, key=len, reverse=True))
     return re.sub(rf"(?<![\w-])-({flags})\b", lambda flag: flag[1].upper(), said)
 

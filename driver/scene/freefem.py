@@ -6,6 +6,7 @@ from pathlib import Path
 
 from .. import environment
 from ..errors import InputError
+from ..text import near
 from . import compared, declarations, element_kinds, explain, grammar, rooms, script, seal, size
 from .manifest import Manifest, read_manifest
 from .script import text_digest
@@ -34,7 +35,7 @@ def find_scene(name: str) -> Path:
             kind = "a directory" if given.is_dir() else "no .edp file"
             raise InputError(f"no scene '{name}': it is {kind}; SCENE takes a name, which 'make "
                              "run' lists, or the path of an .edp file")
-    if "/" not in name and (hint := script.near(given.stem, known)):
+    if "/" not in name and (hint := near(given.stem, known)):
         raise InputError(f"no scene '{name}' here, nor one of that name{hint}")
     raise InputError(f"no scene '{name}'; a path to an .edp file or one of: {', '.join(known)}")
 
@@ -62,6 +63,7 @@ def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int 
     script.check_names(scene)
     script.check_statements(scene)
     script.check_gmsh_numbers(scene)
+    script.check_sizes(scene)
     text = text_digest(scene)
     directory.mkdir(parents=True, exist_ok=True)
     given = {**parameters, "sizes": str(sizes)} if sizes else parameters

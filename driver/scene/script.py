@@ -10,6 +10,7 @@ from pathlib import Path
 
 from .. import environment, units
 from ..errors import InputError
+from ..text import near
 from . import choices, grammar, rooms
 from .grammar import declared_names
 from .manifest import Manifest
@@ -126,6 +127,20 @@ def check_gmsh_numbers(scene: Path) -> None:
                                      f"reads the number {name}{near(name, known)}")
 
 
+def check_sizes(scene: Path) -> None:
+    """Refuse an element size, from meshSize, that nothing in the scene reads. Raises InputError.
+
+    H= would be taken and change nothing, and the errors' coarser meshes would be the run's own.
+    """
+    code = grammar.without_texts(re.sub(r"//[^\n]*", "", "\n".join(_code(scene))))
+    for name in re.findall(r"(\w+)\s*=\s*meshSize\s*\(", code):
+        if len(re.findall(rf"\b{name}\b", code)) == 1:
+            where = grammar.place(scene, rf"\b{name}\s*=\s*meshSize\b")
+            raise InputError(f"{where}: nothing reads {name}, the element size from meshSize(...), "
+                             f"so that H= would change nothing: let the mesh depend on {name}, or "
+                             "leave meshSize out: REMESH=0.5 then makes elements half as long")
+
+
 def check_statements(scene: Path) -> None:
     """Refuse terms that FreeFEM takes without effect or for others. Raises InputError.
 
@@ -217,23 +232,6 @@ def _is_word(name: str, text: str) -> bool:
 def hint(name: str, words=()) -> str:
     """The declaration, or one of other `words`, that a misspelt one may mean."""
     return near(name, {*rooms.vocabulary(), *words})
-
-
-def near(name: str, words) -> str:
-    """What a misspelt name may mean, as the end of a message; "" if nothing is near.
-
-    Of numbered ones the first, where the name has no number.
-    """
-    import difflib  # takes longer to import than the check takes
-
-    near = difflib.get_close_matches(name, sorted(words), 1)
-    if not near:
-        return ""
-    meant, digits = near[0], "0123456789"
-    if name == name.rstrip(digits):
-        stem = meant.rstrip(digits)
-        meant = min(word for word in words if word.rstrip(digits) == stem)
-    return f"; did you mean {meant}?"
 
 
 def check_fixed_labels(scene: Path, manifest: Manifest) -> None:

@@ -77,7 +77,7 @@ def write_boundary(directory: Path, n: int, roles: dict) -> None:
     """Edges of the block, n per unit of length, those of bottom and top against the body's
     orientation."""
     rows = []
-    corners = {1: ((2, 0), (0, 0)), 2: ((2, 0), (2, 1)), 3: ((0, 1), (2, 1)), 4: ((0, 1), (0, 0))}
+    corners = {1: ((0, 0), (2, 0)), 2: ((2, 0), (2, 1)), 3: ((2, 1), (0, 1)), 4: ((0, 1), (0, 0))}
     for label, ends in corners.items():
         a, b = np.array(ends, dtype=float)
         line = np.linspace(a, b, int(n * np.linalg.norm(b - a)) + 1)
@@ -305,8 +305,8 @@ def test_nothing_overlaps_or_leaves_the_page(drawn, name):
 
 
 @pytest.mark.parametrize("labels, missing", [
-    (2, ""), (6, ""), (7, "not shown: label 7 (see contact.csv)"),
-    (13, "not shown: label 7, 8, 9, 10, 11 and 2 more (see contact.csv)")])
+    (2, ""), (6, ""), (7, "not shown, as they carry least: 7 (see contact.csv)"),
+    (13, "not shown, as they carry least: 7, 8, 9, 10, 11 and 2 more (see contact.csv)")])
 @pytest.mark.some(1)
 def test_several_contact_boundaries_have_a_panel_each(tmp_path, labels, missing):
     run = figures.read_run(make_run(tmp_path, steps=3, labels=labels, products=6))
@@ -316,6 +316,19 @@ def test_several_contact_boundaries_have_a_panel_each(tmp_path, labels, missing)
         assert overlaps(figure) == [] and outside(figure) == []
         assert r"$\Gamma_c$, label 2" in words(figure)
         assert missing in words(figure) and ("not shown" in words(figure)) == bool(missing)
+
+
+def test_contact_boundaries_that_carry_most_are_those_shown():
+    """The last one alone presses at the end, the fourth before; the others, open, make room."""
+    labels, nodes = np.arange(1, 10), 3
+    step, label, _ = (k.ravel() for k in np.meshgrid([1, 2], labels, range(nodes), indexing="ij"))
+    presses = (label == 9) & (step == 2) | (label == 4) & (step == 1)
+    contact_table = {"step": step, "boundary": label, "arc": np.tile(np.arange(nodes), 18),
+                     "weight": np.ones(54), "sigma_n": np.where(presses, -1.0, 0.0)}
+    at_end = reading.contact_boundaries(reading.select(contact_table, step == 2))
+    shown, note = layout.fitting(at_end, contact_table)
+    assert [name for name, _ in shown] == [1, 2, 3, 4, 5, 9]
+    assert note == "not shown, as they carry least: 6, 7, 8 (see contact.csv)"
 
 
 def test_geometry_names_the_parts_and_draws_the_loads_to_scale(drawn):
@@ -330,14 +343,24 @@ def test_geometry_names_the_parts_and_draws_the_loads_to_scale(drawn):
     assert np.all(right.X >= 2), "pulling arrows start on the body"
 
 
-def test_boundary_edges_are_turned_outward(run):
-    start, end, normal = outline.outward_edges(run.boundary, run.first)
+def test_boundary_edges_point_outward(run):
+    start, end, normal = outline.outward_edges(run.boundary)
     for label, expected in {1: (0, -1), 2: (1, 0), 3: (0, 1), 4: (-1, 0)}.items():
         assert np.allclose(normal[run.boundary["label"] == label], expected)
     follows = (np.abs(end[:, None] - start[None]).max(axis=2) < 1e-9).sum(axis=1)
     assert np.all(follows == 1), "directed edges close the outline"
     (chain,) = outline.chains(start, end)
     assert np.allclose(start[chain[1:]], end[chain[:-1]]) and len(chain) == len(start)
+
+
+def test_edges_of_bodies_that_touch_keep_their_sides():
+    """Halves of quadratic sides, others on the other body: the nearest side is another one."""
+    up, down = np.linspace(0, 3, 5), np.linspace(3, 0, 8)
+    ends = [(np.column_stack([0 * y, y])[:-1], np.column_stack([0 * y, y])[1:]) for y in (up, down)]
+    start, end = (np.concatenate(part) for part in zip(*ends))
+    table = {"x0": start[:, 0], "y0": start[:, 1], "x1": end[:, 0], "y1": end[:, 1]}
+    _, _, normal = outline.outward_edges(table)
+    assert np.allclose(normal[:4], (1, 0)) and np.allclose(normal[4:], (-1, 0))
 
 
 def circle(radius: float, angles):
@@ -1248,6 +1271,13 @@ def test_parts_of_a_boundary_that_do_not_meet_are_apart():
             "length": np.array([0.5, 1, 0.5, 0.5, 1, 0.5, 0.5]),
             "x": np.array([0.0, 1, 2, 7, 8, 14, 15]), "y": np.zeros(7)}
     assert contact.breaks(rows).tolist() == [3, 5]
+
+
+def test_a_node_beyond_the_end_of_the_other_body_is_no_part_of_its_own():
+    """It carries what of its side faces the other body, a seventh here; nodes alone stay so."""
+    rows = {"arc": np.array([0.0, 1, 2, 3, 8, 13]), "x": np.array([0.0, 1, 2, 3, 8, 13]),
+            "length": np.array([0.5, 1, 0.64, 0.01, 0.5, 0.5]), "y": np.zeros(6)}
+    assert contact.breaks(rows).tolist() == [4, 5]
 
 
 def test_a_closed_outline_that_starts_inside_a_label_is_one_curve(run):

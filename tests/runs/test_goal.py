@@ -455,7 +455,8 @@ def test_mistakes(solved, tmp_path):
         'include "scene.idp"\nsubdomains("1");\nbody = square(3, 3);\nmacro young() 1. //\n'
         'macro poisson() 0.3 //\nmacro support() on(4, u1 = 0., u2 = 0.) //\n'
         'macro load1() traction(2, 0., 1.) //\ninclude "export.idp"\n')
-    fixed.write_text(text.replace("body", "real size = meshSize(1.);\nbody"))
+    fixed.write_text(text.replace("body = square(3, 3)", "real size = meshSize(1.);\n"
+                                  "int n = 3 + 0*size;\nbody = square(n, n)"))
     run = solved(fixed, accuracy="1%")
     assert run.status == 2 and "ACCURACY has nothing to choose" in run.reason
     fixed.write_text(text)  # such a mesh has no size of its own, and is made anew

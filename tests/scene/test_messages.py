@@ -748,6 +748,22 @@ def test_numbers_of_geometries_put_together_are_not_judged(tmp_path):
     script.check_gmsh_numbers(scene)
 
 
+@pytest.mark.parametrize("code, refused", [
+    ("real h = meshSize(0.5); // h of the soil\nbody = square(4, 4);", True),
+    ("real a = 2., h = meshSize(0.5);\nbody = square(4, 4);", True),
+    ("real h = meshSize(0.5);\nbody = square(a/h, 4);", False),
+    ("real h = meshSize(0.5);\nmacro edges() int(1./h) //\nbody = square(edges, 4);", False),
+    ("body = square(1./meshSize(0.5), 4);", False)])
+def test_an_element_size_that_nothing_reads_is_refused(tmp_path, code, refused):
+    scene = tmp_path / "mine.edp"
+    scene.write_text(f'include "scene.idp"\n{code}\ninclude "export.idp"\n')
+    if not refused:
+        script.check_sizes(scene)
+        return
+    with pytest.raises(InputError, match="mine.edp line 2: nothing reads h, the element size from"):
+        script.check_sizes(scene)
+
+
 # ---- meshes that are counted ---------------------------------------------------------------------
 
 @pytest.mark.parametrize("order", [1.0, 2.0])
