@@ -20,8 +20,10 @@ from .nearby import nearly_in
 
 CHANGES = 3  # of states, for each row; bars that rock took half as many
 WORK = 4e9  # multiplications that all changes may take, each rows squared: seconds
-SOFT = 1e3  # times the rows' own compliance: that of springs which hold bodies without support
-FOLLOWED = 5  # times that the rest of these springs follows the bodies
+# times the rows' own compliance: that of springs which hold bodies without support, in turn; the
+# stiffer ones have more digits, the softer ones leave less to be followed
+SOFT = (1e3, 1e5)
+FOLLOWED = 6  # times that the rest of these springs follows the bodies
 
 
 def solution_within(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
@@ -34,7 +36,13 @@ def solution_within(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | 
 
 def _on_springs(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
     """As `solution_within`, of bodies without support."""
-    softness = SOFT * np.median(1.0 / problem.rigidity)
+    own = np.median(1.0 / problem.rigidity)
+    ends = (_followed(problem, start, soft * own) for soft in SOFT)
+    return next((end for end in ends if end is not None), None)
+
+
+def _followed(problem: CoulombProblem, start: np.ndarray, softness: float) -> np.ndarray | None:
+    """As `_on_springs`, whose compliance per unit reach is `softness`."""
     x, rest = start[: problem.rows], start[problem.rows :]
     for _ in range(FOLLOWED):
         x = _Descent(problem.on_springs(softness, rest), x).end()
@@ -42,9 +50,10 @@ def _on_springs(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None
             return None
         rest = problem.sprung(softness, rest, x)
         z = np.append(x, rest)
-        exact = problem.solution_in(problem.states(z), problem.signs(z))
-        if problem.solves(exact):
-            return exact
+        # on the border of states, where nodes move by rounding, the one that springs leave
+        for end in (problem.solution_in(problem.states(z), problem.signs(z)), z):
+            if problem.solves(end):
+                return end
     return None
 
 

@@ -97,9 +97,12 @@ def approached_once(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | 
     return None
 
 
-def approximation(problem: CoulombProblem, z: np.ndarray, **how) -> np.ndarray | None:
-    """Solution with the friction bounds of z as given ones, from z; Newton's method `how`."""
-    given = problem.under(problem.load, np.zeros(problem.m), offset=problem.bounds(z))
+def approximation(problem: CoulombProblem, z: np.ndarray, bound: np.ndarray | None = None,
+                  **how) -> np.ndarray | None:
+    """Solution with given friction bounds `bound` (m,), those of z, from z; Newton's method `how`.
+    """
+    bound = problem.bounds(z) if bound is None else bound
+    given = problem.under(problem.load, np.zeros(problem.m), offset=bound)
     return _within(given, z, **how)
 
 

@@ -5,6 +5,7 @@ Then the way to it may be chosen by what it takes alone: complementarity.py has 
 
 import numpy as np
 
+from .anderson import Anderson
 from .complementarity import approached, approximation, newton
 from .coulomb import ROUNDING, STICK, CoulombProblem
 from .dependent_rows import by_yielding
@@ -12,7 +13,8 @@ from .nearby import nearly_in
 
 NEAR = 0.1  # part of the nodes whose movements say another state than their forces, at most
 SOFT = 0.03  # part of the rigidity by which movements count in approximations
-APPROXIMATIONS = 3  # of friction bounds before the methods for several solutions
+APPROXIMATIONS = 3  # of friction bounds that come no nearer to the law by what is CLOSER
+CLOSER = 0.9  # times the least violation of the law by those before
 
 
 def only_solution(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
@@ -20,8 +22,8 @@ def only_solution(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | No
 
     Of several solutions it could end in another one. Near the solution Newton's method goes there
     as long as ever fewer nodes, or few, change their states. Else friction bounds are given first,
-    and movements count by little: a whole surface that closes or turns is far softer than each of
-    its nodes, which would open and close in turn.
+    as often as that comes nearer to the law, and movements count by little: a whole surface that
+    closes or turns is far softer than each of its nodes, which would open and close in turn.
     """
     if problem.depends:
         return by_yielding(problem, start, only_solution)
@@ -33,13 +35,16 @@ def only_solution(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | No
     softer = problem.softer(SOFT)
     near = np.count_nonzero(problem.states(z) != _of_forces(problem, z)) <= NEAR * problem.n
     solution = _ended(problem, z) if near else None
-    for _ in range(APPROXIMATIONS):
-        if solution is not None:
-            return solution
-        z = approximation(softer, z, nearly=True)
+    least, left = problem.violation(z), APPROXIMATIONS
+    bound, method = problem.bounds(z), Anderson(np.dot, damping=1.0)
+    while solution is None and left > 0:
+        z = approximation(softer, z, bound, nearly=True)
         if z is None:
             break
-        solution = _ended(problem, z)
+        solution, violation = _ended(problem, z), problem.violation(z)
+        left = APPROXIMATIONS if violation < CLOSER * least else left - 1
+        least = min(least, violation)
+        bound = np.maximum(method.next(bound, problem.bounds(z)), 0.0)
     return approached(problem, start) if solution is None else solution
 
 

@@ -111,3 +111,13 @@ def test_a_body_that_its_load_moves_off_comes_to_no_rest():
     body = CoulombProblem(np.eye(2), np.array([1.0, 1.0]), np.zeros(0), np.zeros(0, int), False,
                           np.ones((2, 1)), np.array([-1.0]))
     assert solution_within(body, np.zeros(3)) is None
+
+
+def test_softer_springs_are_tried_where_stiffer_ones_leave_something(monkeypatch):
+    tried = []
+    monkeypatch.setattr(active_set, "_followed", lambda problem, start, softness: tried.append(
+        softness) or (start if len(tried) == 2 else None))
+    body = CoulombProblem(np.eye(2), np.zeros(2), np.zeros(0), np.zeros(0, int), False,
+                          np.ones((2, 1)), np.zeros(1))
+    assert solution_within(body, np.zeros(3)) is not None
+    assert tried == [1e3, 1e5]

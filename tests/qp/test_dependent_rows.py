@@ -1,8 +1,11 @@
 """Problems whose rows depend on one another: places where three bodies meet."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
+from driver.qp import one_solution
 from driver.qp.complementarity import newton
 from driver.qp.coulomb import CoulombProblem
 from driver.qp.dependent_rows import by_yielding
@@ -77,3 +80,17 @@ def test_newtons_method_alone_goes_to_and_fro():
     """In most of these: what this module is there for."""
     ends = [newton(abreast(seed), np.zeros(6 * PLACES)) for seed in range(10)]
     assert sum(end is None for end in ends) > 5
+
+
+@pytest.mark.parametrize("falls, made", [(0.8, 12), (1.0, 3)])
+def test_approximations_go_on_as_long_as_they_come_nearer(monkeypatch, falls, made):
+    """Twelve where each violates the law by less, three where none does; then others follow."""
+    problem, off = abreast(0), [1.0]
+    monkeypatch.setattr(one_solution, "_nearer", lambda problem, start: start)
+    monkeypatch.setattr(one_solution, "_ended", lambda *_: "found" if len(off) > 12 else None)
+    monkeypatch.setattr(CoulombProblem, "violation", lambda *_: off[-1])
+    monkeypatch.setattr(one_solution, "approximation", lambda problem, z, *_, **how: off.append(
+        falls * off[-1]) or z)
+    monkeypatch.setattr(one_solution, "approached", lambda *_: "by others")
+    found = only_solution(dataclasses.replace(problem, depends=False), np.ones(problem.rows))
+    assert (found, len(off) - 1) == ("found" if falls < 1 else "by others", made)
