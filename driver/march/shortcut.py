@@ -87,7 +87,8 @@ class Shortcut:
     def _comes_first(self) -> bool:
         """Whether sizes alone tell that elimination is cheaper than successive approximations."""
         condensation, operator = self.condensation, self.condensation.operator
-        if condensation.whole or not condensation.total or operator.alike:
+        alike = operator.alike and not condensation.depends  # equal bricks share more than shape
+        if condensation.whole or not condensation.total or alike:
             return False
         if operator.structure.dual_dofs < PUBLISHED and operator.cut_alike:
             return False
