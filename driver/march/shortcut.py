@@ -87,8 +87,9 @@ class Shortcut:
     def _comes_first(self) -> bool:
         """Whether sizes alone tell that elimination is cheaper than successive approximations."""
         condensation, operator = self.condensation, self.condensation.operator
-        alike = operator.alike and not condensation.depends  # equal bricks share more than shape
-        if condensation.whole or not condensation.total or alike:
+        if condensation.whole or not condensation.total:
+            return False
+        if operator.alike and not condensation.depends:  # equal bricks share more than shape
             return False
         if operator.structure.dual_dofs < PUBLISHED and operator.cut_alike:
             return False
