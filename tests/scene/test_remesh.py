@@ -8,6 +8,7 @@ import pytest
 from driver.errors import InputError
 from driver.scene import freefem
 from driver.scene.elements import areas
+from rounded_block import ROUNDED_BODY
 
 # a plate with a hole, a core of another region and a foot of label 5; edges are counted by hand
 PLATE = """include "scene.idp"
@@ -196,14 +197,8 @@ macro poisson() 0.3 //
 macro support() on(1, 2, u1 = 0., u2 = 0.) //
 include "export.idp"
 """
-ROUNDED = """include "scene.idp"
-border sole(t = -3, 3) { x = t; y = 0; label = 4; }
-border right(t = -pi/2, 0) { x = 3 + cos(t); y = 1 + sin(t); label = 3; }
-border up(t = 1, 3) { x = 4; y = t; label = 2; }
-border top(t = 4, -4) { x = t; y = 3; label = 1; }
-border down(t = 3, 1) { x = -4; y = t; label = 2; }
-border left(t = -pi, -pi/2) { x = -3 + cos(t); y = 1 + sin(t); label = 3; }
-body = buildmesh(sole(9) + right(6) + up(4) + top(8) + down(4) + left(6));
+ROUNDED = f"""include "scene.idp"
+{ROUNDED_BODY}
 macro young() 1. //
 macro poisson() 0.3 //
 macro support() on(1, u1 = 0., u2 = 0.) //

@@ -9,6 +9,7 @@ import meshio
 import numpy as np
 import pytest
 from driver.hard.oracle import Assembled, coulomb_history
+from rounded_block import ROUNDED_BODY
 from test_model import assert_close
 from test_scenes_exact import E, TIGHT, exact, exact_strain
 from test_scenes_hertz import R, hertz_errors
@@ -155,14 +156,8 @@ def test_contact_is_on_the_smooth_curve_through_vertices(built, named_scene, ben
     np.testing.assert_allclose(contact.normal[middle], away[middle], atol=turn**2 / 8)
 
 
-ROUNDED = """include "scene.idp"
-border sole(t = -3, 3) { x = t; y = 0; label = 4; }
-border right(t = -pi/2, 0) { x = 3 + cos(t); y = 1 + sin(t); label = 3; }
-border up(t = 1, 3) { x = 4; y = t; label = 2; }
-border top(t = 4, -4) { x = t; y = 3; label = 1; }
-border down(t = 3, 1) { x = -4; y = t; label = 2; }
-border left(t = -pi, -pi/2) { x = -3 + cos(t); y = 1 + sin(t); label = 3; }
-body = buildmesh(sole(9) + right(6) + up(4) + top(8) + down(4) + left(6));
+ROUNDED = f"""include "scene.idp"
+{ROUNDED_BODY}
 macro young() 1000. //
 macro poisson() 0.3 //
 macro support() on(1, u1 = 0.) //
