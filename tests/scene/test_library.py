@@ -16,7 +16,7 @@ int outlineFiner = 4;
 int[int] libCurvedLabels = [1];
 macro quadraticElement() 1 //
 include "speck.idp"
-include "flat.idp"
+include "smooth.idp"
 include "arcs.idp"
 include "adapt.idp"
 cout.precision(15);
