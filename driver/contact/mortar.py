@@ -38,6 +38,9 @@ import numpy as np
 from .facing import SLIVER, facing_parts, project
 from .side import POINT, WEIGHT, Side
 
+# part of an edge on which the multiplier is constant, at most; no fraction that meshes have by
+# design, where rounding would decide
+LITTLE = np.sqrt(2) - 1
 ROUNDED = 16 * np.finfo(float).eps  # of coordinates: their own rounding, and of a few products
 
 
@@ -75,7 +78,8 @@ def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None 
 
     A node of the first side that a support holds (`held`, (n,) bool) has no displacement to
     constrain: the next node's multiplier on the edge takes its part over, which keeps constant
-    stress exact and the rows independent. At `corners` ((n,) bool), where the boundary goes on in
+    stress exact and the rows independent. So is it with nodes beyond the other side's end that have
+    next to nothing of it, see `_hardly_faces`. At `corners` ((n,) bool), where the boundary goes on in
     another direction, the condition is that of the place alone: what a multiplier has else goes
     to the next node's. So both flanks of a corner that lies in one have the same condition, however
     the meshes meet, instead of two that hardly differ.
@@ -84,7 +88,8 @@ def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None 
     e, o, start, stop = facing_parts(first, normal, second, able, reach)
     n, (dual, whole) = len(first.xy), _dual_basis(first, e, start, stop)
     heir = _heirs(first.edges, whole)
-    rows = np.where(held[first.edges], heir, first.edges)
+    gives = held[first.edges] | _hardly_faces(first.edges, e, start, stop) & ~held[heir]
+    rows = np.where(gives, heir, first.edges)
     weight, length, gap = np.zeros(n), np.zeros(n), np.zeros(n)
     along = 1.0
     if first.rise is not None:
@@ -187,6 +192,27 @@ def _heirs(edges: np.ndarray, whole: np.ndarray) -> np.ndarray:
     if edges.shape[1] == 2:
         return edges[:, ::-1]
     return np.where(whole[:, None], edges[:, [2, 2, 2]], edges[:, [1, 0, 2]])
+
+
+def _hardly_faces(edges: np.ndarray, e, start, stop) -> np.ndarray:
+    """(e, nodes) ends of edges that face the other side on a part at the far end alone, if their
+    nodes face it nowhere else.
+
+    Where the other side ends just before a node the node's hat is next to nothing on what is faced.
+    A condition of its own would hardly differ from the next node's, and take pressures of any size:
+    on so LITTLE of an edge the multiplier is constant.
+    """
+    covered = np.bincount(e, stop - start, minlength=len(edges))
+    begins, ends = np.ones(len(edges)), np.zeros(len(edges))
+    np.minimum.at(begins, e, start)
+    np.maximum.at(ends, e, stop)
+    at_first, at_last = begins < SLIVER, ends > 1.0 - SLIVER
+    part = (covered > 0) & (covered < LITTLE)
+    hardly = np.zeros(edges.shape, bool)
+    hardly[:, 0], hardly[:, 1] = part & at_last & ~at_first, part & at_first & ~at_last
+    faces = np.zeros(edges.max() + 1, bool)
+    faces[edges[(covered > 0)[:, None] & ~hardly]] = True
+    return hardly & ~faces[edges]
 
 
 def _dual_basis(side: Side, e: np.ndarray, start: np.ndarray, stop: np.ndarray):

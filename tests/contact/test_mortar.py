@@ -74,14 +74,19 @@ def test_fields_of_the_element_pass(quadratic):
     np.testing.assert_allclose(inclined.gap, 0.5 + 0.1 * first.x, rtol=1e-10)
 
 
+@pytest.mark.parametrize("end", [2.0, 2.6])
 @pytest.mark.parametrize("quadratic", [False, True])
-def test_what_is_covered_in_part_has_a_part_of_the_weight(quadratic):
-    """Hats over the part that faces something; constants pass, nothing is left of the rest."""
-    first, second = sides(quadratic, below=[-1.0, 0.3, 1.0, 2.0])
+def test_what_is_covered_in_part_has_a_part_of_the_weight(quadratic, end):
+    """Hats over the part that faces something, of less than half an edge the next node has it all;
+    constants pass, nothing is left of the rest.
+    """
+    first, second = sides(quadratic, below=[-1.0, 0.3, 1.0, end])
     found = mortar.couple(first, second, np.zeros(len(first.xy), bool))
-    assert found.weight.sum() == pytest.approx(2.0)
-    covered = (2.0 - 1.5) / 1.5  # of the third edge
+    assert found.weight.sum() == pytest.approx(end)
+    covered = (end - 1.5) / 1.5  # of the third edge
     hats = 1.5 * np.array([covered - covered**2 / 2, covered**2 / 2])
+    if covered < 0.5:
+        hats = np.array([hats.sum(), 0.0])
     full = dual_weights(ABOVE, quadratic)
     vertex = 0.8 * (1 / 6 if quadratic else 1 / 2)
     np.testing.assert_allclose(found.weight[[2, 3]], [vertex + hats[0], hats[1]])
