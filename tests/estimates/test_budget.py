@@ -406,17 +406,20 @@ def test_parts_answer_to_their_own_knob(budget_of, source, change):
 @pytest.mark.slow
 def test_true_errors_are_within_the_budget(budget_of):
     """Largest displacement of the manufactured solution, pressure of Lame's ring: errors are known.
+
+    The ring's pressure is of second order, as it is continued from inside at lines of symmetry; the
+    claim holds what the nodes there stand out by, of first order (touch._standing_out).
     """
     corner = np.hypot(0.01 * np.sin(2.6), 0.08)  # cantilever.edp at (2, 0)
     ring = 210e3 / 1.3 * 0.05 / (0.4 * 20 / 35**2 + 1 / 20) * (1 / 20**2 - 1 / 35**2)
-    for scene, name, exact, levels in (("cantilever", "displacement", corner,
-                                        [{"cells": n} for n in (4, 8, 16)]),
-                                       ("pressfit", "peak_pressure", ring,
-                                        [{"h": h} for h in (4, 2, 1)])):
-        for options in levels:
+    for scene, name, exact, most, levels in (("cantilever", "displacement", corner, (5, 5, 5),
+                                              [{"cells": n} for n in (4, 8, 16)]),
+                                             ("pressfit", "peak_pressure", ring, (5, 5, 10),
+                                              [{"h": h} for h in (4, 2, 1)])):
+        for options, times in zip(levels, most):
             entry = errors(budget_of, scene, **options)[name]
             error = abs(entry["value"] - exact)
-            assert error <= entry["total"] <= 5 * error, (scene, options)
+            assert error <= entry["total"] <= times * error, (scene, options)
 
 
 @pytest.mark.slow
