@@ -353,7 +353,7 @@ BODY = ("rectangle(0., 2., 0., 1.);", "{}")
     ("body = square(2, 2); body = movemesh(body, [x, y + 2*(y < 0.7)*(y > 0.2)]);", "movemesh"),
     ("addBody(square(2, 2)) addBody(square(int(0.2), 1))", "far too large"),
     ("border a(t=0, 1) { x = t; y = t*t; label = 1; } body = buildmesh(a(5));", "close a curve"),
-    ('body = readmesh("none.msh");', "mesh file"), ("", "rectangle(...)")])
+    ('body = readmesh("none.msh");', "none.msh is not there"), ("", "rectangle(...)")])
 @pytest.mark.some(3)
 def test_bodies_that_are_none(said, text, words):
     assert words in said((BODY[0], text), parameters={})
