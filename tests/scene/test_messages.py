@@ -727,6 +727,25 @@ def test_what_gmsh_makes_is_judged(said, tmp_path, geo, words):
     assert words in said(*MESHED, parameters={"steps": "2"})
 
 
+def test_gmsh_does_not_mesh_for_ever(said, tmp_path):
+    (tmp_path / "mine.geo").write_text(GEO)
+    fine = 'gmshSeconds = 1; body = gmshBody("mine.geo", 1e-6);'
+    message = said(MESHED[0], (MESHED[1][0], fine), parameters={"steps": "2"})
+    assert place(message) == 5 and re.search(r"a mesh of about [3-6]e\+12 triangles", message)
+
+
+def test_an_element_size_that_takes_long_is_meshed_where_it_can_be(tmp_path):
+    """No second is enough for gmsh to start."""
+    (tmp_path / "mine.geo").write_text(GEO)
+    scene = tmp_path / "mine.edp"
+    hasty = 'gmshSeconds = 1e-9; body = gmshBody("mine.geo", 0.5);'
+    text = SCENE.replace(*MESHED[0]).replace(MESHED[1][0], hasty)
+    scene.write_text(text.replace("gmshSeconds = 1e-9", 'exec("true")'))
+    usual = freefem.export(scene, tmp_path / "usual", {"steps": "2"})
+    scene.write_text(text)
+    assert freefem.export(scene, tmp_path / "hasty", {"steps": "2"}).nodes == usual.nodes
+
+
 @pytest.mark.parametrize("name", ["mine.geo", "other.msh", "another"])
 def test_a_mesh_that_is_not_there_is_said_to_be(said, name):
     message = said(MESHED[0], (MESHED[1][0], f'body = gmshBody("{name}", 0.5);'),
