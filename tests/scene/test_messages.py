@@ -746,6 +746,12 @@ def test_an_element_size_that_takes_long_is_meshed_where_it_can_be(tmp_path):
     assert freefem.export(scene, tmp_path / "hasty", {"steps": "2"}).nodes == usual.nodes
 
 
+def test_a_mesh_of_freefem_is_none_of_gmsh(said, tmp_path):
+    (tmp_path / "mine.msh").write_text("3 1 3\n0 0 0\n1 0 0\n0 1 0\n1 2 3 0\n1 2 1\n")
+    message = said(MESHED[0], (MESHED[1][0], 'body = gmshBody("mine.msh", 1.);'), parameters={})
+    assert message.endswith('is a mesh of FreeFEM\'s own: load it by  readmesh("mine.msh")')
+
+
 @pytest.mark.parametrize("name", ["mine.geo", "other.msh", "another"])
 def test_a_mesh_that_is_not_there_is_said_to_be(said, name):
     message = said(MESHED[0], (MESHED[1][0], f'body = gmshBody("{name}", 0.5);'),
