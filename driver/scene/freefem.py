@@ -170,7 +170,7 @@ def _run(program: Path, scene: Path, directory: Path, parameters: dict[str, str]
     if done.returncode != 0:
         from . import mesh_file  # with numpy, which runs that succeed load later
 
-        if fault := mesh_file.fault(done.stdout, done.returncode, scene):
+        if fault := mesh_file.fault(done.stdout, done.returncode, scene, directory):
             raise InputError(fault)
         raise InputError(explain.failure(done.stdout, done.returncode, scene, directory.absolute(),
                                          lambda: start(1, traced=True,

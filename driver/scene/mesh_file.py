@@ -10,23 +10,30 @@ from pathlib import Path
 
 import numpy as np
 
-from . import grammar
+from . import explain, grammar
 
 STUMBLES = re.compile("Mesh IO Error|Erreur Lecture|mesh generator|missing vertices|Strange catch|"
                       "Assertion fail")
 READ = re.compile(r'\breadmesh\s*\(\s*"([^"]+)"\s*\)')
+FROM_GMSH = re.compile(r"call gmshBody +at +line +(\d+)")
 SEGMENTATION = (-11, 139)
 NEAR = 1e-9  # of the mesh's size: nearer vertices are one for FreeFEM
 MOST_PAIRS = 1e8  # of vertices and triangles that are compared
 KEYWORDS = {"Vertices": 3, "Edges": 3, "Triangles": 4}  # of a .mesh: numbers in a line
 
 
-def fault(output: str, status: int, scene: Path) -> str:
+def fault(output: str, status: int, scene: Path, folder: Path) -> str:
     """What is wrong with a file that the scene reads, with its line, where FreeFEM has ended with
     this `output` and `status`; "" where nothing is, or something else has ended it.
+
+    `folder`: where gmshBody leaves the mesh that it loads.
     """
     if not STUMBLES.search(output) and status not in SEGMENTATION:
         return ""
+    if called := FROM_GMSH.search(output):
+        wrong = judged(folder / "body-0.msh")
+        where = explain.at(scene, int(called[1]), meshed=False)
+        return f"{where}: what gmshBody loads {wrong}" if wrong else ""
     for source in grammar.sources(scene):
         for number, line in enumerate(source.code, 1):
             for name in READ.findall(line):
@@ -143,11 +150,8 @@ def _same_places(xy: np.ndarray) -> str:
 def _turned(xy: np.ndarray, corners: np.ndarray) -> str:
     """Triangles that are flat or run clockwise."""
     a, b, c = (xy[corners[:, k]] for k in range(3))
-    u, v = b - a, c - a
-    twice = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
-    longest = np.maximum(np.maximum((u**2).sum(axis=1), (v**2).sum(axis=1)),
-                         ((c - b) ** 2).sum(axis=1))
-    bad = np.flatnonzero(twice <= 1e-8 * longest)
+    longest = np.max([((q - p) ** 2).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0)
+    bad = np.flatnonzero(_doubled(a, b, c) <= 1e-8 * longest)
     if not len(bad):
         return ""
     first = xy[corners[bad[0]]].mean(axis=0)
@@ -194,14 +198,25 @@ def _unused(xy: np.ndarray, corners: np.ndarray) -> str:
 
 
 def _overlaps(xy: np.ndarray, corners: np.ndarray) -> str:
-    """A vertex inside a triangle that is not its own."""
+    """A vertex inside a triangle that is not its own, or on a side of it."""
     if len(xy) * len(corners) > MOST_PAIRS:
         return ""
     a, b, c = (xy[corners[:, k]] for k in range(3))
     for k, place in enumerate(xy):
-        areas = [np.cross(q - p, place - p) for p, q in ((a, b), (b, c), (c, a))]
-        inside = np.min(areas, axis=0) > 1e-6 * np.sum(areas, axis=0)
-        if inside.any():
+        parts = np.stack([_doubled(p, q, place) for p, q in ((a, b), (b, c), (c, a))])
+        least = parts.min(axis=0) / parts.sum(axis=0)
+        least[(corners == k).any(axis=1)] = -1
+        if least.max() > 1e-6:
             return (f"has triangles that overlap, as at {_place(place)}: bodies that touch or "
                     "overlap are given one by one, by addBody(...)")
+        if least.max() > -1e-9:
+            return (f"has a vertex on a side that is not its triangles', at {_place(place)}: sides "
+                    "of neighbours must have the same ends; give meshes that do not match one by "
+                    "one, by addBody(...), and tie them")
     return ""
+
+
+def _doubled(p: np.ndarray, q: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """Twice the areas of triangles p, q, r, negative where these run clockwise."""
+    u, v = q - p, r - p
+    return u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]

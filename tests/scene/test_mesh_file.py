@@ -35,6 +35,8 @@ FAULTS = [
     (msh(edges=["2 1 7"]), "an edge twice, at (0.5, 0), with the labels 1 and 7"),
     (msh(edges=["1 3 7"]), "an edge that is no side of a triangle, at (1, 0)"),
     (msh(["0.6 0.4 0", "3 0 0", "3 1 0"], ["7 8 9 0"]), "triangles that overlap, as at (0.6, 0.4)"),
+    (msh(["1 0.5 0"], ["1 7 5 0"]).replace("1 2 5 0", "1 2 7 0"),
+     "a vertex on a side that is not its triangles', at (1, 0.5)"),
     (msh().replace("2 1 0", "nan 1 0"), "vertices that are no numbers (1, the first is number 6)"),
     (msh().replace("2 1 0", "two 1 0"), "what is no number among its vertices"),
     (msh().replace("6 5 3", "6 8 3"), "an edge, number 4, of vertices that are not there"),
@@ -68,8 +70,8 @@ def test_nothing_is_said_of_good_files_and_other_kinds(tmp_path, name, text):
 def test_only_where_freefem_stumbles(tmp_path):
     scene = tmp_path / "mine.edp"
     scene.write_text('include "scene.idp"\nbody = readmesh("none.msh");\n')
-    assert mesh_file.fault("assert", 3, scene) == ""
-    assert (mesh_file.fault("", -11, scene)
+    assert mesh_file.fault("assert", 3, scene, tmp_path) == ""
+    assert (mesh_file.fault("", -11, scene, tmp_path)
             == "mine.edp line 2: none.msh is not there: paths are relative to the scene")
 
 

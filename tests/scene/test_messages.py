@@ -701,7 +701,7 @@ MESHED = (('include "scene.idp"', 'include "scene.idp"\ninclude "gmsh.idp"'),
     (GEO + SECOND.replace("{2, ", "{2.0000000001, "), "two points of the mesh at (2"),
     # the second body lies between the nodes of the first one
     (GEO + SECOND.replace(", 0, 0, h", ", 0.1, 0, h").replace(", 1, 0, h", ", 0.7, 0, h"),
-     "as of bodies in one file: mesh bodies that touch one at a time"),
+     "what gmshBody loads has a vertex on a side that is not its triangles', at (2, "),
     (GEO + SECOND.replace("{2, ", "{2.00000003, "), "the body is not connected: its piece at"),
     # a notch from above, 3e-8 wide
     (GEO.replace("Line(3) = {3, 4};", "Point(5) = {1.00000003, 1, 0, h}; Point(6) = {1, 0.5, 0, h};"
