@@ -746,6 +746,21 @@ def test_an_element_size_that_takes_long_is_meshed_where_it_can_be(tmp_path):
     assert freefem.export(scene, tmp_path / "hasty", {"steps": "2"}).nodes == usual.nodes
 
 
+def test_labels_have_the_names_that_gmsh_knows(said, tmp_path):
+    geo = GEO.replace("Physical Curve(1)", 'Physical Curve("bottom side", 7)')
+    (tmp_path / "mine.geo").write_text(geo.replace("Physical Curve(3)", 'Physical Curve("top", 3)'))
+    message = said(*MESHED, parameters={})
+    assert "no boundary with label 1; its labels are 0, 3 'top', 4, 7 'bottom side' (" in message
+
+
+def test_a_geometry_that_leaves_no_mesh_does_not_get_that_of_the_body_before(said, tmp_path):
+    (tmp_path / "mine.geo").write_text(GEO)
+    (tmp_path / "exit.geo").write_text(GEO + 'Mesh 2; Save "own.msh"; Exit;\n')
+    bodies = 'addBody(gmshBody("mine.geo", 0.5))\naddBody(gmshBody("exit.geo", 0.5))'
+    message = said(MESHED[0], (MESHED[1][0], bodies), parameters={})
+    assert message.startswith("mine.edp line 6: gmsh leaves no mesh of exit.geo")
+
+
 def test_a_mesh_of_freefem_is_none_of_gmsh(said, tmp_path):
     (tmp_path / "mine.msh").write_text("3 1 3\n0 0 0\n1 0 0\n0 1 0\n1 2 3 0\n1 2 1\n")
     message = said(MESHED[0], (MESHED[1][0], 'body = gmshBody("mine.msh", 1.);'), parameters={})
