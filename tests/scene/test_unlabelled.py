@@ -1,9 +1,14 @@
 """Sides of a mesh's outline without a label where they should have one are said in warnings."""
 
+import subprocess
+
+import numpy as np
 import pytest
+from mpi4py import MPI
 
 from driver.errors import InputError
 from driver.scene import freefem
+from driver.scene.loader import read_subdomains
 
 SCENE = """include "scene.idp"
 body = readmesh("mine.msh");
@@ -73,3 +78,33 @@ def test_notes_are_those_of_the_mesh_that_is_given(tmp_path):
 def test_a_mesh_without_any_label_says_so(tmp_path):
     with pytest.raises(InputError, match="labels are 0, as sides have that are given none"):
         freefem.export(written(tmp_path, unlabelled=range(24)), tmp_path / "export", {})
+
+
+GEO = """Point(1) = {0, 0, 0, 1}; Point(2) = {4, 0, 0, 1}; Point(3) = {4, 4, 0, 1};
+Point(4) = {0, 4, 0, 1}; Point(5) = {2, 2, 0, 1}; Point(6) = {3, 2, 0, 0.5};
+Point(7) = {1, 2, 0, 0.5};
+Line(1) = {1, 2}; Line(2) = {2, 3}; Line(3) = {3, 4}; Line(4) = {4, 1};
+Circle(5) = {6, 5, 7}; Circle(6) = {7, 5, 6};
+Curve Loop(1) = {1:4}; Curve Loop(2) = {5, 6}; Plane Surface(1) = {1, 2};
+Physical Surface(1) = {1};
+Physical Curve(1) = {1}; Physical Curve(3) = {3}; Physical Curve(4) = {4};
+"""
+
+
+@pytest.mark.parametrize("physical", ["", "Physical Curve(2) = {2};"])
+@pytest.mark.parametrize("given", [{"subdomains": "3"}, {"remesh": "0.5"}])
+def test_sides_that_gmshload_leaves_out_are_free(tmp_path, physical, given):
+    """Contact stays on its label: adaptmesh would give sides that are not listed another one.
+
+    They are those of a rim, and without the second curve some of the outer one.
+    """
+    (tmp_path / "mine.geo").write_text(GEO + physical)
+    subprocess.run(["gmsh", "-2", "-v", "0", "-format", "msh2", "mine.geo"], cwd=tmp_path,
+                   check=True)
+    scene = tmp_path / "mine.edp"
+    scene.write_text('load "gmsh"\n' + SCENE.replace("readmesh", "gmshload"))
+    manifest = freefem.export(scene, tmp_path / "export", given)
+    subdomains = read_subdomains(manifest, 0, manifest.subdomains, MPI.COMM_SELF)
+    assert set(manifest.labels) == {0, 1, 2, 3, 4} - ({2} if not physical else set())
+    places = np.concatenate([sub.xy[sub.contact.node] for sub in subdomains if sub.contact])
+    assert np.ptp(places[:, 0]) == 4 and not places[:, 1].any()
