@@ -93,6 +93,20 @@ def test_elements_are_so_many_times_as_long(scene, built, factor, cut):
         assert made[key] == pytest.approx(own[key], rel=1e-12 if straight else circle)
 
 
+@pytest.mark.parametrize("x, y, size", [("1e6 + x", "y - 3e6", 1.0), ("1e9*x", "1e9*y", 1e9)])
+def test_bodies_far_away_and_huge_ones_are_remeshed_as_others(scene, built, x, y, size):
+    """The mesh is that of the body at the origin, to the digits that far coordinates have."""
+    near = scene(PLATE)
+    moved = ".region;\n" + f"body = movemesh(body, [{x}, {y}]);"
+    far = scene(PLATE, (".region;", moved), name="far")
+    own, made = (body(built(path, remesh=0.5, reduce=False)) for path in (near, far))
+    assert made.keys() == own.keys()
+    assert made["triangles"] == pytest.approx(own["triangles"], rel=0.05)
+    for key in own.keys() - {"triangles"}:
+        power = 1 if key[0] == "label" else 2
+        assert made[key] / size**power == pytest.approx(own[key], rel=1e-2)
+
+
 def test_the_scene_s_own_mesh_is_left_as_it_is(scene, built):
     """By default, and by its factor of one."""
     path = scene(PLATE)
