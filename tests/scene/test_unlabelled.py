@@ -91,6 +91,19 @@ Physical Curve(1) = {1}; Physical Curve(3) = {3}; Physical Curve(4) = {4};
 """
 
 
+def test_holes_that_gmsh_has_made_just_now_are_meant(tmp_path):
+    """A circle of four sides without a label."""
+    (tmp_path / "mine.geo").write_text(GEO.replace("0.5}", "2}"))
+    scene = tmp_path / "mine.edp"
+    scene.write_text(SCENE.replace("readmesh(\"mine.msh\")", "gmshBody(\"mine.geo\", 1.)").replace(
+        "body", "include \"gmsh.idp\"\nbody", 1))
+    assert freefem.export(scene, tmp_path / "export", {}).notes == []
+    gmsh = ["gmsh", "-2", "-v", "0", "-format", "msh2", "mine.geo"]
+    subprocess.run(gmsh, cwd=tmp_path, check=True)
+    scene.write_text(scene.read_text().replace(".geo", ".msh"))
+    assert "holes of a few sides" in freefem.export(scene, tmp_path / "again", {}).notes[0]
+
+
 @pytest.mark.parametrize("physical", ["", "Physical Curve(2) = {2};"])
 @pytest.mark.parametrize("given", [{"subdomains": "3"}, {"remesh": "0.5"}])
 def test_sides_that_gmshload_leaves_out_are_free(tmp_path, physical, given):
