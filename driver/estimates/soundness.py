@@ -35,7 +35,7 @@ FAR = 1e3  # body lengths from the origin: three digits
 
 def warnings(problem, step) -> list[str]:
     """Warnings about the solved `problem` and its finished `step`, if any; collective."""
-    return [*(locking(problem, step) if step else []),
+    return [*problem.manifest.notes, *(locking(problem, step) if step else []),
             *lost_digits(problem), *unseen_loads(problem)]
 
 

@@ -23,7 +23,7 @@ from ..options import RESULTS
 from ..scene import explain, freefem, grammar, seal
 from ..scene.manifest import Manifest
 from ..text import shown
-from . import guard, hosts, launch
+from . import guard, hosts, launch, watch
 from .request import Request
 from .workspace import Workspace, unconverged
 
@@ -156,10 +156,12 @@ def _cycle(run: Run, place: Workspace, work: Path, before: list[Path],
     """
     clock = time.perf_counter()
     sizes = before[-1] / refinement.STEM if before else None
+    waiting = watch.Waiting(run.scene.stem, work / "export", run.quiet)
 
     def prepare() -> bool:  # what takes time and does not need the export
         checkpoint.program()
-        return ranks.prepare()
+        ranks.prepare()
+        return waiting.update()
 
     with launch.Ranks(work, solver, run.ranks) as ranks:
         manifest = freefem.export(run.scene, work / "export", run.parameters, run.front_ranks,

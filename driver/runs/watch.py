@@ -1,8 +1,14 @@
-"""Progress of the runs that errors are estimated from: a bar on a terminal, else lines."""
+"""Progress of the runs that errors are estimated from: a bar on a terminal, else lines; and of
+FreeFEM, where it takes long.
+"""
 
 import sys
 import time
+from pathlib import Path
 
+from ..scene.manifest import announced
+
+LONG = 10.0  # seconds of FreeFEM's after which a line says what it does; then twice as many, ...
 SELDOM = 5.0  # seconds without a line, so that short estimates have none
 
 
@@ -50,3 +56,23 @@ class Watch:
     def words(self) -> str:
         """Stage and companion that are at work."""
         return f"{self.label}: error estimates {self.about}: companion {self.companion}"
+
+
+class Waiting:
+    """What is said while FreeFEM is at work."""
+
+    def __init__(self, label: str, export: Path, quiet: bool):
+        """`label` of the run; `export`: where FreeFEM writes to; `quiet`: nothing is said."""
+        self.label, self.export, self.quiet = label, export, quiet
+        self.start, self.due = time.perf_counter(), LONG
+
+    def update(self) -> bool:
+        """Say how long it has taken if that is due; True: FreeFEM may be at work for longer."""
+        spent = time.perf_counter() - self.start
+        if not self.quiet and spent >= self.due:
+            self.due = 2 * spent
+            known, doing = announced(self.export), "meshes"
+            if known:
+                doing = f"assembles {known.nodes:,} nodes in {known.subdomains:,} subdomains"
+            print(f"{self.label}: FreeFEM {doing}, {spent:.0f} s so far", flush=True)
+        return True

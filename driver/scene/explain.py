@@ -381,11 +381,11 @@ def _execution(output: str, status: int, scene: Path, retrace) -> str:
         return f"{body}: this body cannot be made: {reason}"
     where = scene.name
     if number and ("export" not in traced or now == "end"):
-        where = _at(scene, int(number[1]), meshed="Exec error" not in output)
+        where = at(scene, int(number[1]), meshed="Exec error" not in output)
     return f"FreeFEM failed in {where} (exit {status}): {reason}"
 
 
-def _at(scene: Path, number: int, meshed: bool) -> str:
+def at(scene: Path, number: int, meshed: bool) -> str:
     """The files that have a line of this number; where it draws a border that is `meshed`, where.
 
     It is one of a file of the library where the scene's own have not as many.

@@ -168,6 +168,10 @@ def _run(program: Path, scene: Path, directory: Path, parameters: dict[str, str]
         done = start(1, given=parameters)  # rank 0 alone speaks, and another one may have refused
     (directory / "freefem.log").write_text(done.stdout)
     if done.returncode != 0:
+        from . import mesh_file  # with numpy, which runs that succeed load later
+
+        if fault := mesh_file.fault(done.stdout, done.returncode, scene, directory):
+            raise InputError(fault)
         raise InputError(explain.failure(done.stdout, done.returncode, scene, directory.absolute(),
                                          lambda: start(1, traced=True,
                                                        given=parameters).stdout))

@@ -89,6 +89,11 @@ class Manifest:
         return self.rooms.get("cycles", {}).get("start", 0)
 
     @property
+    def notes(self) -> list:
+        """What is odd about the scene's meshes: warnings of every run on them."""
+        return self.raw.get("notes", [])
+
+    @property
     def contact_pairs(self) -> list:
         """Pairs [label with contact nodes, label of the other body]."""
         return self.rooms.get("pair", {}).get("labels", [])

@@ -19,11 +19,13 @@ OWN_FILES = ("scene.idp", "export.idp", "gmsh.idp")  # includes of a scene that 
 OPERATORS = {"and": "&&", "or": "||"}
 # whole numbers alone: what multiplies or divides them before makes another quotient
 WHOLE_QUOTIENT = r"(?<![\w.^*/)\]\s])\s*\b(\d+)\s*/\s*(\d+)(?![\w.])"
+WRITTEN = re.compile(r'\b(?:save\w+|ofstream\s+\w+)\s*\([^;"]*"([\w./+-]+)"')  # files
 DECLARATION = r"^(?!macro)(?:func )?\w+(?:\[[^\]]*\])? ([^;\n]*)"  # global: type, declarators
 
 
 def text_digest(scene: Path) -> str:
-    """Digest of the scene's script, of the library and of every file that either names in quotes.
+    """Digest of the scene's script, of the library and of every file that either names in quotes,
+    but for those that it writes.
     """
     digest, known = hashlib.sha256(), set()
     remaining = [scene, *sorted(environment.LIBRARY.rglob("*.idp"))]
@@ -36,8 +38,10 @@ def text_digest(scene: Path) -> str:
         name_and_size = f"{path.name} {len(content)} "
         digest.update(name_and_size.encode("utf-8", "surrogateescape") + content)
         if path.suffix in (".edp", ".idp"):
-            quoted = re.findall(r'"([\w./+-]+)"', content.decode("utf-8", "replace"))
-            files = [scene.parent / name for name in quoted]
+            text = content.decode("utf-8", "replace")
+            written = WRITTEN.findall(text)
+            quoted = re.findall(r'"([\w./+-]+)"', text)
+            files = [scene.parent / name for name in quoted if name not in written]
             remaining += [file for file in files if len(file.name) < 256 and file.is_file()]
     return digest.hexdigest()
 

@@ -2,13 +2,22 @@
 # with their regions, their nodes, and the labelled edges between these. Points and curves apart
 # from all surfaces, which help to draw, are left out.
 #
-# `foreign`: the mesh was not made by gmsh just now, but is a file.
+# `foreign`: the mesh was not made by gmsh just now, but is a file; `names`: a file to be written,
+# with the names of the physical curves.
 #
 # FreeFEM's own gmshload stops at triangles that run clockwise or are smaller than 1e-8 in the
 # scene's units. What is wrong goes to the standard error, in a word or two: elements of another
 # kind, nodes at different z, a physical curve that leads from triangles to where there are none,
 # physical surfaces or curves that share elements, or the place where two nodes are.
-/^[$]/ {part = $1 == "$Nodes" ? 1 : $1 == "$Elements" ? 2 : 0; next}
+/^[$]/ {
+  part = $1 == "$Nodes" ? 1 : $1 == "$Elements" ? 2 : $1 == "$PhysicalNames" ? 3 : 0
+  next
+}
+part == 3 && $1 == 1 && NF > 2 {
+  name = $0; sub(/^[^"]*"/, "", name); sub(/"[^"]*$/, "", name)
+  named[++curves_named] = $2 "\n" name
+  next
+}
 part == 1 && NF == 4 {
   # numbers, as a text is turned into one each time it is used; places are printed as they are given
   number[$1 + 0] = ++nodes
@@ -103,6 +112,8 @@ END {
   for (i in bare) apart = 1
   if (foreign) apart = 1
   if (measure() || apart) {leave_out(); measure()}
+  if (names) print curves_named + 0 > names
+  for (i = 1; i <= curves_named; ++i) print named[i] > names
   print nodes + 0, triangles + 0, edges + 0
   for (i = 1; i <= nodes; ++i) print place[i], 0
   for (i = 1; i <= triangles; ++i) print triangle[i]

@@ -1,5 +1,7 @@
 """What is said while errors are estimated."""
 
+from types import SimpleNamespace
+
 import pytest
 
 from driver.runs import watch
@@ -19,3 +21,17 @@ def test_companions_that_take_long_are_told_in_lines(monkeypatch, capsys, quiet,
     assert len(out) == lines
     last = "strip: error estimates 2/2, time steps: companion 2, step 2/2, 0 s left of it"
     assert not lines or out[-1] == last
+
+
+@pytest.mark.parametrize("quiet", [False, True])
+def test_freefem_that_takes_long_is_told_ever_more_seldom(monkeypatch, capsys, tmp_path, quiet):
+    now = [100.0]
+    monkeypatch.setattr(watch.time, "perf_counter", lambda: now[0])
+    known = SimpleNamespace(nodes=5000, subdomains=12)
+    monkeypatch.setattr(watch, "announced", lambda _: known if now[0] > 115 else None)
+    said = watch.Waiting("strip", tmp_path, quiet)
+    for now[0] in (100.0, 109.0, 110.0, 112.0, 119.0, 121.0, 139.0, 141.0):
+        assert said.update()
+    out = capsys.readouterr().out.splitlines()
+    doing = "strip: FreeFEM assembles 5,000 nodes in 12 subdomains"
+    assert out == ([] if quiet else ["strip: FreeFEM meshes, 10 s so far", f"{doing}, 21 s so far"])

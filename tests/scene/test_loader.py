@@ -255,6 +255,19 @@ def test_scene_edited_while_freefem_runs(tmp_path, variant, monkeypatch):
         freefem.export(scene, tmp_path / "export", {"cells": "2"})
 
 
+@pytest.mark.parametrize("code", ['savemesh(Th, "own.msh");', '{ ofstream out("own.msh"); }'])
+def test_a_file_that_the_scene_writes_is_none_that_was_edited(tmp_path, code):
+    scene = tmp_path / "mine.edp"
+    scene.write_text(f'mesh Th = square(2, 2);\n{code}\nbody = readmesh("own.msh");\n')
+    before = freefem.text_digest(scene)
+    (tmp_path / "own.msh").write_text("whatever it is")
+    assert freefem.text_digest(scene) == before
+    scene.write_text('body = readmesh("own.msh");\n')
+    before = freefem.text_digest(scene)
+    (tmp_path / "own.msh").write_text("another one")
+    assert freefem.text_digest(scene) != before
+
+
 # ------------------------------------------- exports that FreeFEM, not the way to here, has spoiled
 
 @pytest.fixture

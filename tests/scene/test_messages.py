@@ -353,7 +353,7 @@ BODY = ("rectangle(0., 2., 0., 1.);", "{}")
     ("body = square(2, 2); body = movemesh(body, [x, y + 2*(y < 0.7)*(y > 0.2)]);", "movemesh"),
     ("addBody(square(2, 2)) addBody(square(int(0.2), 1))", "far too large"),
     ("border a(t=0, 1) { x = t; y = t*t; label = 1; } body = buildmesh(a(5));", "close a curve"),
-    ('body = readmesh("none.msh");', "mesh file"), ("", "rectangle(...)")])
+    ('body = readmesh("none.msh");', "none.msh is not there"), ("", "rectangle(...)")])
 @pytest.mark.some(3)
 def test_bodies_that_are_none(said, text, words):
     assert words in said((BODY[0], text), parameters={})
@@ -701,7 +701,7 @@ MESHED = (('include "scene.idp"', 'include "scene.idp"\ninclude "gmsh.idp"'),
     (GEO + SECOND.replace("{2, ", "{2.0000000001, "), "two points of the mesh at (2"),
     # the second body lies between the nodes of the first one
     (GEO + SECOND.replace(", 0, 0, h", ", 0.1, 0, h").replace(", 1, 0, h", ", 0.7, 0, h"),
-     "as of bodies in one file: mesh bodies that touch one at a time"),
+     "what gmshBody loads has a vertex on a side that is not its triangles', at (2, "),
     (GEO + SECOND.replace("{2, ", "{2.00000003, "), "the body is not connected: its piece at"),
     # a notch from above, 3e-8 wide
     (GEO.replace("Line(3) = {3, 4};", "Point(5) = {1.00000003, 1, 0, h}; Point(6) = {1, 0.5, 0, h};"
@@ -725,6 +725,46 @@ MESHED = (('include "scene.idp"', 'include "scene.idp"\ninclude "gmsh.idp"'),
 def test_what_gmsh_makes_is_judged(said, tmp_path, geo, words):
     (tmp_path / "mine.geo").write_text(geo)
     assert words in said(*MESHED, parameters={"steps": "2"})
+
+
+def test_gmsh_does_not_mesh_for_ever(said, tmp_path):
+    (tmp_path / "mine.geo").write_text(GEO)
+    fine = 'gmshSeconds = 1; body = gmshBody("mine.geo", 1e-6);'
+    message = said(MESHED[0], (MESHED[1][0], fine), parameters={"steps": "2"})
+    assert place(message) == 5 and re.search(r"a mesh of about [3-6]e\+12 triangles", message)
+
+
+def test_an_element_size_that_takes_long_is_meshed_where_it_can_be(tmp_path):
+    """No second is enough for gmsh to start."""
+    (tmp_path / "mine.geo").write_text(GEO)
+    scene = tmp_path / "mine.edp"
+    hasty = 'gmshSeconds = 1e-9; body = gmshBody("mine.geo", 0.5);'
+    text = SCENE.replace(*MESHED[0]).replace(MESHED[1][0], hasty)
+    scene.write_text(text.replace("gmshSeconds = 1e-9", 'exec("true")'))
+    usual = freefem.export(scene, tmp_path / "usual", {"steps": "2"})
+    scene.write_text(text)
+    assert freefem.export(scene, tmp_path / "hasty", {"steps": "2"}).nodes == usual.nodes
+
+
+def test_labels_have_the_names_that_gmsh_knows(said, tmp_path):
+    geo = GEO.replace("Physical Curve(1)", 'Physical Curve("bottom side", 7)')
+    (tmp_path / "mine.geo").write_text(geo.replace("Physical Curve(3)", 'Physical Curve("top", 3)'))
+    message = said(*MESHED, parameters={})
+    assert "no boundary with label 1; its labels are 0, 3 'top', 4, 7 'bottom side' (" in message
+
+
+def test_a_geometry_that_leaves_no_mesh_does_not_get_that_of_the_body_before(said, tmp_path):
+    (tmp_path / "mine.geo").write_text(GEO)
+    (tmp_path / "exit.geo").write_text(GEO + 'Mesh 2; Save "own.msh"; Exit;\n')
+    bodies = 'addBody(gmshBody("mine.geo", 0.5))\naddBody(gmshBody("exit.geo", 0.5))'
+    message = said(MESHED[0], (MESHED[1][0], bodies), parameters={})
+    assert message.startswith("mine.edp line 6: gmsh leaves no mesh of exit.geo")
+
+
+def test_a_mesh_of_freefem_is_none_of_gmsh(said, tmp_path):
+    (tmp_path / "mine.msh").write_text("3 1 3\n0 0 0\n1 0 0\n0 1 0\n1 2 3 0\n1 2 1\n")
+    message = said(MESHED[0], (MESHED[1][0], 'body = gmshBody("mine.msh", 1.);'), parameters={})
+    assert message.endswith('is a mesh of FreeFEM\'s own: load it by  readmesh("mine.msh")')
 
 
 @pytest.mark.parametrize("name", ["mine.geo", "other.msh", "another"])

@@ -4,10 +4,13 @@ import shutil
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 from driver.errors import InputError
+from driver.estimates.adaptivity import write_sizes
 from driver.scene import freefem
 from driver.scene.elements import areas
+from driver.scene.loader import read_subdomains
 from rounded_block import ROUNDED_BODY
 
 # a plate with a hole, a core of another region and a foot of label 5; edges are counted by hand
@@ -91,6 +94,36 @@ def test_elements_are_so_many_times_as_long(scene, built, factor, cut):
     for key in own.keys() - {"triangles"}:
         straight = key[0] == "label" and key[1] < 6
         assert made[key] == pytest.approx(own[key], rel=1e-12 if straight else circle)
+
+
+@pytest.mark.parametrize("x, y, size", [("1e6 + x", "y - 3e6", 1.0), ("1e9*x", "1e9*y", 1e9)])
+def test_bodies_far_away_and_huge_ones_are_remeshed_as_others(scene, built, x, y, size):
+    """The mesh is that of the body at the origin, to the digits that far coordinates have."""
+    near = scene(PLATE)
+    moved = ".region;\n" + f"body = movemesh(body, [{x}, {y}]);"
+    far = scene(PLATE, (".region;", moved), name="far")
+    own, made = (body(built(path, remesh=0.5, reduce=False)) for path in (near, far))
+    assert made.keys() == own.keys()
+    assert made["triangles"] == pytest.approx(own["triangles"], rel=0.05)
+    for key in own.keys() - {"triangles"}:
+        power = 1 if key[0] == "label" else 2
+        assert made[key] / size**power == pytest.approx(own[key], rel=1e-2)
+
+
+@pytest.mark.parametrize("away, size", [(0.0, 1.0), (1e6, 1.0), (0.0, 1e9)])
+def test_sizes_that_were_found_are_those_of_bodies_far_away_too(scene, tmp_path, away, size):
+    path = scene(PLATE, ("int inside = body(2.9, 1.8).region;",
+                         f"body = square(4, 4, [{away} + {size}*x, {away} + {size}*y]);"),
+                 ("(region == inside ? 2e5 : 7e4)", "7e4"), ("contact() 5", "contact() 1"))
+    xy = away + size * np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
+    rim = np.array([[0, 1], [1, 2], [2, 3], [3, 0]])
+    write_sizes(tmp_path / "sizes", xy, np.array([[0, 1, 2], [0, 2, 3]]), rim,
+                size * np.array([0.5, 0.1, 0.1, 0.5]))
+    manifest = freefem.export(path, tmp_path / "export", {"subdomains": "1"},
+                              sizes=tmp_path / "sizes")
+    assert manifest.nodes == pytest.approx(38, rel=0.2)
+    xy = read_subdomains(manifest, 0, 1, MPI.COMM_SELF)[0].xy
+    assert ((xy - away) / size)[:, 0].mean() > 0.6  # finer at the right
 
 
 def test_the_scene_s_own_mesh_is_left_as_it_is(scene, built):
