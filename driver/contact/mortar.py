@@ -79,8 +79,8 @@ def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None 
     A node of the first side that a support holds (`held`, (n,) bool) has no displacement to
     constrain: the next node's multiplier on the edge takes its part over, which keeps constant
     stress exact and the rows independent. So is it with nodes beyond the other side's end that have
-    next to nothing of it, see `_hardly_faces`. At `corners` ((n,) bool), where the boundary goes on in
-    another direction, the condition is that of the place alone: what a multiplier has else goes
+    next to nothing of it, see `_hardly_faces`. At `corners` ((n,) bool), where the boundary goes on
+    in another direction, the condition is that of the place alone: what a multiplier has else goes
     to the next node's. So both flanks of a corner that lies in one have the same condition, however
     the meshes meet, instead of two that hardly differ.
     """
