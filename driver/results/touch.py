@@ -155,11 +155,17 @@ def of_arrivals(nodes: dict, steps: dict) -> float:
     contact.
 
     Such a way counts whole, though the node slid in contact in a part of the step alone, see
-    `_in_contact`. The largest slip is between that with such parts and that with all.
+    `_in_contact`. The largest slip is between that with such parts and that with all. Where the
+    whole way is less than such a part of the next step's, the node came back on touching what it
+    had gone before in the air: its way in contact is up to all of the next step's.
     """
-    part = _in_contact(nodes, steps)
-    least, most = (max(longest_ways(nodes, piece, ways)[-1] for piece in chains(nodes))
-                   for ways in (steps | {"slip": part * steps["slip"]}, steps))
+    part, slip = _in_contact(nodes, steps), np.abs(steps["slip"])
+    onward = np.zeros_like(slip)
+    onward[:-1] = np.where(steps["status"][1:] == SLIP, slip[1:], 0.0)
+    turned = (part < 1.0) & (slip < part * onward)
+    least, most = (max(longest_ways(nodes, piece, steps | {"slip": way})[-1]
+                       for piece in chains(nodes))
+                   for way in (part * slip, np.where(turned, onward, slip)))
     return float(most - least)
 
 
