@@ -13,7 +13,8 @@ p in [1, formal]  error = S max(rest, FLOOR first), first = |q0 - q1| / (r - 1)
 p above           trusted as little as below, down to the first order, or the formal one where that
                   is less (sharp_ends.py); rest follows from q1 - q2
 p below 1         error = S SLOW rest, at the observed order, however slow
-turning back      error = S times the larger of first and |q1 - q2| / (s - 1)
+turning back      error = S times the larger of first and |q1 - q2| / (s - 1), both at the formal
+                  order where that is below 1
 no decrease       error = S |q0 - q1| / (r^p - 1), p = UNSETTLED; a pressure, the only quantity that
                   may be without limit, gets none below the order DOUBTFUL, and at an end of contact
                   none where it changes by more than STILL
@@ -154,7 +155,8 @@ def extrapolate(changes: list[float], ratios: list[float], formal: float, value:
         return Part(0.0)
     turned = changes[0] * changes[1] < 0
     order = observed_order(d1, d2, r, s)
-    first = d1 / (r - 1), d2 / (s - 1)  # errors at the first order
+    slow = min(1.0, formal)
+    first = d1 / (r**slow - 1), d2 / (s**slow - 1)  # errors at the first order, or a lower formal
     spread = max(first) if turned else d1 + d2
     unlimited = not limit and not turned and spread > WANDER * abs(value)
     if singular and d1 + d2 > STILL * abs(value) or unlimited and order < DOUBTFUL:

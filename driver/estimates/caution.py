@@ -15,7 +15,8 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
   functional would be, since it may vanish by a symmetry of no mesh; none where meshes agree but for
   tolerances, as balance gives it;
 - where pressure grows from mesh to mesh at an end of contact: the order of integrals and of slip is
-  at most what such stresses leave (sharp_ends.py), however fast coarse meshes seem to converge;
+  at most what such stresses leave (sharp_ends.py), however fast coarse meshes seem to converge, of
+  slip that is largest there half of it, with the safety of what nothing else holds;
 - for order three, where quadratic elements have straight sides on a round boundary, of contact or
   not: a polygon is of second order, and adjoint problems, which smooth stresses, do not see it, so
   that they hold errors from below alone;
@@ -56,7 +57,8 @@ LENGTH, PEAK = "contact_length", "peak_pressure"
 SHEAR_FORCE, WORK, WAY = "tangential_resultant", "dissipated_energy", "displacement"
 # integrals, which adjoint problems hold where there are any; others hang on places between nodes
 HELD = ("normal_resultant", SHEAR_FORCE, WAY)
-SHARP = (*HELD, WORK, "slip")  # approached no faster than sharp ends leave
+SLIP = "slip"
+SHARP = (*HELD, WORK, SLIP)  # approached no faster than sharp ends leave
 # of the geometric mean of two estimates, each off by a factor; what meshes and nodes say of the
 # contact length: 87 of 88 claims of shipped scenes and of awkward meshes hold, down to 1.5
 BETWEEN = 1.75
@@ -127,8 +129,9 @@ class Caution:
         most = np.inf if self.adapted else min(self.order,
                                                sharp_ends.order(list(touches), ratios))
         changes = {name: [fine[name] - coarse[name] for fine, coarse in runs] for name in values}
-        parts = {name: self._part(name, changes[name], ratios, value, name in singular, most)
-                 for name, value in values.items()}
+        orders = dict.fromkeys(SHARP, most) | {SLIP: sharp_ends.order_of_way(self.touch, most)}
+        parts = {name: self._part(name, changes[name], ratios, value, name in singular,
+                                  orders.get(name, np.inf)) for name, value in values.items()}
         if 0 < min((touch.nodes for touch in touches[2:]), default=0) < fewest(self.element):
             parts |= {name: located(part, extrapolate(changes[name][:1], ratios, np.inf, 0.0).error)
                       for name, part in parts.items() if name not in (LENGTH, *self.sizes)}
@@ -224,9 +227,10 @@ class Caution:
     def _part(self, name: str, changes: list, ratios: list, value: float, singular: bool,
               most: float) -> Part:
         caution = CAUTION[name] if self.sizes or name not in HELD else SAFETY
+        if name == SLIP and self.touch.way_at_end and np.isfinite(most):
+            caution = SAFETY  # nodes beside a sharp end differ by far less than it errs
         fast = (self.element != "P1" or self.adapted) and name in HELD and self.sizes
-        formal = formal_order("mesh", self.element, name, self.chords,
-                              most if name in SHARP else np.inf)
+        formal = formal_order("mesh", self.element, name, self.chords, most)
         part = extrapolate(changes, ratios, formal, value, name not in UNBOUNDED, singular,
                            caution, FAST if fast else 1.0)
         slowest = NO_ORDER if self.sizes and name in HELD else 0.0

@@ -15,6 +15,10 @@ err by other things that fall faster, and show orders of 2 and more.
 At the tip of a closed crack, where contact ends and a tie begins, shear grows like r^-1/2 while
 pressure may be uniform: there the order is 1, whatever pressures say.
 
+Slip is no integral. Where it is largest next to such an end it is a displacement within the disc of
+size h which the mesh does not resolve, and there displacements are of the order h^(1 - a): half of
+what functionals have, as the adjoint problem of a single place gains nothing at that place.
+
 Adaptive meshes are graded towards such places, which restores the order.
 """
 
@@ -48,6 +52,11 @@ def order(touches: list[Touch], ratios: list[float]) -> float:
     exponents = [growth(fine, coarse, r) for fine, coarse, r in zip(touches, touches[1:], ratios)]
     least = min(exponents, default=0.0)
     return 2 * (1 - least) if least > LEAST else np.inf
+
+
+def order_of_way(touch: Touch, most: float) -> float:
+    """Order that the largest slip has at most, `most` that of functionals."""
+    return most / 2 if touch.way_at_end else most
 
 
 def of_tips(problem, touch: Touch) -> float:

@@ -37,6 +37,7 @@ class Touch:
     doubt: float = 0.0  # by how much other nodes would locate its ends elsewhere
     whole: float = 0.0  # length of all contact boundaries, from node to node
     cornered: bool = False  # a few nodes press, at ends of boundaries that go on nowhere
+    way_at_end: bool = False  # what has slid farthest is next to an end, none of a symmetry
 
     @classmethod
     def of(cls, nodes: dict, steps: dict, index: int, pressing_round: int,
@@ -44,6 +45,7 @@ class Touch:
         """`nodes` and `steps` as of quantities.py; `pressing_round`, `flat` as above."""
         closed, pieces = steps["status"][index] != OPEN, chains(nodes)
         sliding = (steps["status"][index] == SLIP)[closed].all()
+        sliding_at_all = (steps["status"][: index + 1] == SLIP).any()
         force = steps["sigma_t"][index] * nodes["weight"]
         one_way = abs(force.sum()) > ONE_WAY * np.abs(force).sum()
         whole = nodes.get("length", nodes["weight"])
@@ -65,7 +67,9 @@ class Touch:
                    sum(_sides(nodes, piece, closed[piece]) for piece in pieces),
                    sum(doubt_of_ends(nodes, piece, steps, index) for piece in lines),
                    sum(float(np.diff(nodes["arc"][piece]).sum() + beyond_ends(nodes, piece).sum())
-                       for piece in lines), _cornered(nodes, pieces, pressing))
+                       for piece in lines), _cornered(nodes, pieces, pressing),
+                   bool(sliding_at_all and _next_to_end(nodes, pieces,
+                                                        farthest_node(steps, index))))
 
     def lighter(self, part: float) -> float:
         """Length of contact whose pressure is below a part of the mean one."""
@@ -90,6 +94,14 @@ def _cornered(nodes: dict, pieces: list, force: np.ndarray) -> bool:
             for few in (piece[:AREA - 1], piece[:-AREA:-1]):
                 beside[few] |= not nodes["mirrored"][few[0]]
     return bool((force > 0).any() and beside[force > 0].all())
+
+
+def _next_to_end(nodes: dict, pieces: list, node: int) -> bool:
+    """Whether a node is at an end of a boundary or next to it, an end of no line of symmetry."""
+    near = 1 + int(nodes["middle"].any())
+    return any(node in few for piece in pieces if not is_ring(nodes, piece)
+               for few in (piece[:near + 1], piece[::-1][:near + 1])
+               if not nodes["mirrored"][few[0]])
 
 
 def _lone(nodes: dict, force: np.ndarray) -> float:
@@ -143,11 +155,17 @@ def of_arrivals(nodes: dict, steps: dict) -> float:
     contact.
 
     Such a way counts whole, though the node slid in contact in a part of the step alone, see
-    `_in_contact`. The largest slip is between that with such parts and that with all.
+    `_in_contact`. The largest slip is between that with such parts and that with all. Where the
+    whole way is less than such a part of the next step's, the node came back on touching what it
+    had gone before in the air: its way in contact is up to all of the next step's.
     """
-    part = _in_contact(nodes, steps)
-    least, most = (max(longest_ways(nodes, piece, ways)[-1] for piece in chains(nodes))
-                   for ways in (steps | {"slip": part * steps["slip"]}, steps))
+    part, slip = _in_contact(nodes, steps), np.abs(steps["slip"])
+    onward = np.zeros_like(slip)
+    onward[:-1] = np.where(steps["status"][1:] == SLIP, slip[1:], 0.0)
+    turned = (part < 1.0) & (slip < part * onward)
+    least, most = (max(longest_ways(nodes, piece, steps | {"slip": way})[-1]
+                       for piece in chains(nodes))
+                   for way in (part * slip, np.where(turned, onward, slip)))
     return float(most - least)
 
 

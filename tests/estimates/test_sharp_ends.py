@@ -5,15 +5,19 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from driver.contact.states import STICK
+from driver.contact.states import SLIP, STICK
 from driver.estimates import sharp_ends
+from driver.estimates.budget import extrapolate
 from driver.estimates.caution import Caution
 from driver.results.touch import Touch
 
 
-def touch(size, exponent, far=2.0, length=10.0, moved=0.0):
+def touch(size, exponent, far=2.0, length=10.0, moved=0.0, slid=None, mirrored=False):
     """Contact on nodes of a `size` apart, whose pressure at the left end is that of r^-exponent on
     average over half an edge, beside 1 elsewhere and `far` at the right end.
+
+    `slid`: the node that has slid farthest of all that slide; `mirrored`: the left end is on a
+    line of symmetry.
     """
     x = np.arange(0.0, length + size / 2, size)
     pressure = np.ones(len(x))
@@ -25,6 +29,10 @@ def touch(size, exponent, far=2.0, length=10.0, moved=0.0):
              "middle": np.zeros(len(x), bool), "mirrored": np.zeros(len(x), bool)}
     steps = {"u_n": 0 * x, "slip": 0 * x, "sigma_n": -pressure, "sigma_t": 0 * x,
              "status": np.full(len(x), STICK)}
+    nodes["mirrored"][0] = mirrored
+    if slid is not None:
+        steps["status"][:], steps["slip"][:] = SLIP, 1.0
+        steps["slip"][slid] = 1.001
     return Touch.of(nodes, {name: column[None] for name, column in steps.items()}, 0, 0)
 
 
@@ -72,3 +80,33 @@ def test_coarse_meshes_are_trusted_no_further_than_the_tip_of_a_crack_allows():
     fast, slow = (Caution("P1", touch=touch(0.1, 0.0), order=order).parts(
         {"slip": 1.0}, runs, [2.0, 2.0], ())["slip"].error for order in (np.inf, sharp_ends.TIP))
     assert slow > 2 * fast and slow >= 0.01 > fast
+
+
+@pytest.mark.parametrize("slid, mirrored, at_end", [
+    (0, False, True), (1, False, True), (-1, False, True), (5, False, False), (None, False, False),
+    (0, True, False)])
+def test_slip_that_is_largest_at_a_sharp_end_has_half_the_order_of_integrals(slid, mirrored,
+                                                                             at_end):
+    """The end node or the one beside it; not in the middle, nor at an end by symmetry."""
+    one = touch(0.1, 0.5, slid=slid, mirrored=mirrored)
+    assert one.way_at_end == at_end
+    assert sharp_ends.order_of_way(one, 1.2) == (0.6 if at_end else 1.2)
+
+
+@pytest.mark.parametrize("coarser", [0.95, 0.995])
+def test_slip_at_a_sharp_end_is_claimed_by_the_order_there(coarser):
+    """Meshes that fall too fast, or turn back, leave the last change at half the order or more;
+    slip elsewhere is claimed as before.
+    """
+    runs = [({"slip": 1.0}, {"slip": 0.99}), ({"slip": 0.99}, {"slip": coarser})]
+    end, inside = (Caution("P1", touch=touch(0.1, 0.0, slid=slid), order=1.0).parts(
+        {"slip": 1.0}, runs, [2.0, 2.0], ())["slip"].error for slid in (0, 50))
+    left = (0.01 if coarser > 0.99 else 0.04 / 2**0.5) / (2**0.5 - 1)
+    assert end == pytest.approx(1.75 * left, rel=1e-3) and inside < end / 2
+
+
+def test_differences_that_turn_are_taken_at_a_formal_order_below_one():
+    """A sequence of order 1/2 at most leaves 2.4 times its last change, not the change alone."""
+    smooth, slow = (extrapolate([0.01, -0.005], [2.0, 2.0], formal, 1.0, True, safety=1.0).error
+                    for formal in (2.0, 0.5))
+    assert smooth == pytest.approx(0.01) and slow == pytest.approx(0.01 / (2**0.5 - 1))

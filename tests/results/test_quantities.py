@@ -289,6 +289,13 @@ def test_steps_leave_open_what_was_slid_while_contact_began(pressure, more, left
     assert touch.of_arrivals(*arriving(pressure, **more)) == pytest.approx(left)
 
 
+def test_a_node_that_turned_on_touching_may_have_slid_as_far_as_in_the_next_step():
+    """In contact for half of the first step, whose way is but 0.1 where the next one is 2."""
+    nodes, steps = arriving([1.0, 3.0, 5.0])
+    steps["slip"][0, 2] = -0.1
+    assert touch.of_arrivals(nodes, steps) == pytest.approx(2 - 0.05)
+
+
 def test_contact_that_is_found_again_leaves_half_of_its_last_step_open():
     nodes, steps = arriving([1.0, 0.0, 1.0], gap=0.0)
     steps["status"][1, 2] = OPEN
