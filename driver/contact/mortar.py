@@ -11,11 +11,12 @@ with w_i = int phi_i ds over the part of the boundary that faces the other side,
 onto that side along the field n of averaged nodal normals, u* its displacement and g the distance
 on that way. Both sides are cut at each other's vertices, so that the integrals are exact on
 straight boundaries; as the psi_i add up to one, constant stress passes (patch test). On edges that
-are covered in part the psi_i are dual on that part. On curved boundaries the gap is that of the
-smooth curves that bow from the edges, by their sagitta: the polygons' own gap, as large as an
-element's deformation in conforming contact, would make pressures alternate. See Wohlmuth, A mortar
-finite element method using dual spaces for the Lagrange multiplier (2000); Popp, Gitterle, Gee,
-Wall (2010); for normals and projection Yang, Laursen, Meng (2005).
+are covered in part the psi_i are dual on that part, and one of them is 1 where that is little of
+the edge. On curved boundaries the gap is that of the smooth curves that bow from the edges, by
+their sagitta: the polygons' own gap, as large as an element's deformation in conforming contact,
+would make pressures alternate. See Wohlmuth, A mortar finite element method using dual spaces for
+the Lagrange multiplier (2000); Popp, Gitterle, Gee, Wall (2010); for normals and projection Yang,
+Laursen, Meng (2005).
 
 Quadratic elements. The psi_i are dual to the quadratic shape functions (ends, then middle), whose
 integrals over an edge, 1/6, 1/6 and 4/6 of it, are positive: a nodal force and the traction that it
