@@ -274,13 +274,19 @@ class Condensation:
         if self._law is None:
             self._law = CoulombProblem(compliance, np.zeros(self.n + self.m),
                                        np.zeros(self.m), self.pair, self._bilateral(),
-                                       self._motions(), depends=self.depends)
+                                       self._motions(), depends=self._depends)
         offset = None
         if rows.offset is not None:
             offset = self.of_tangential(rows.offset)
         if op.modes:
             balance = load.weights[: op.structure.patterns] @ op.rigid_work[0]
         return self._law.under(self._opened(d), self.coefficient, balance, offset)
+
+    @property
+    def _depends(self) -> bool:
+        """`depends`, unless rows yield by laws of their own: surfaces that wear, or are rough."""
+        softness = self.operator.softness
+        return self.depends and (softness is None or not self._gathered(softness, self._acts).any())
 
     @property
     def coefficient(self) -> np.ndarray:
