@@ -162,8 +162,13 @@ def contact_boundaries(contact: dict) -> list[tuple[int, dict]]:
 
 
 def segment_ends(arc: np.ndarray, length: np.ndarray) -> np.ndarray:
-    """(n + 1,) ends of the nodes' dual segments: midpoints inside, whole segments at the ends."""
+    """(n + 1,) ends of the nodes' dual segments: midpoints inside, whole segments at the ends.
+
+    The last ones are at the last nodes at least: vertices of quadratic elements have a third of
+    what lies between them and the middles.
+    """
     if len(arc) == 1:
         return arc[0] + length[0] * np.array([-0.5, 0.5])
     middle = (arc[1:] + arc[:-1]) / 2
-    return np.concatenate([[middle[0] - length[0]], middle, [middle[-1] + length[-1]]])
+    first, last = min(middle[0] - length[0], arc[0]), max(middle[-1] + length[-1], arc[-1])
+    return np.concatenate([[first], middle, [last]])

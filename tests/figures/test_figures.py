@@ -1296,3 +1296,11 @@ def test_a_closed_outline_that_starts_inside_a_label_is_one_curve(run):
     assert len(figures.compose("contact_status", closed).axes[0].collections) == 1
     half = {name: column[:15] for name, column in rows.items()}
     assert np.array_equal(contact.in_one(half)["arc"], half["arc"])
+
+
+def test_axes_reach_the_last_contact_nodes():
+    """Vertices of quadratic elements have a sixth of a side at ends, middles two thirds."""
+    arc = np.linspace(0.0, 1.0, 5)
+    quadratic = reading.segment_ends(arc, np.array([1, 4, 2, 4, 1]) / 12)
+    linear = reading.segment_ends(arc, np.array([1, 2, 2, 2, 1]) / 8)
+    assert quadratic[[0, -1]].tolist() == linear[[0, -1]].tolist() == [0.0, 1.0]
