@@ -125,18 +125,19 @@ def test_contact_weights_are_integrals_of_the_shape_functions(built):
     np.testing.assert_allclose(contact.arc, contact.xy[:, 0], atol=1e-13)  # in the order of the arc
 
 
+ROUND = """macro young() 1. //
+macro poisson() 0.3 //
+macro support() on({held}, u1 = 0., u2 = 0.) //
+macro contact() 1 //
+macro gap() sqrt(x^2 + y^2) - 1.5 //
+include "export.idp"
+"""
 DISC = """include "scene.idp"
 border arc(t=0, 1.5*pi) { x = 2*cos(t); y = 2*sin(t); label = 1; }
 border down(t=0, 1) { x = 0; y = 2*t - 2; label = 2; }
 border out(t=0, 1) { x = 2*t; y = 0; label = 3; }
 body = buildmesh(arc(18) + down(3) + out(4));
-macro young() 1. //
-macro poisson() 0.3 //
-macro support() on(2, u1 = 0., u2 = 0.) //
-macro contact() 1 //
-macro gap() sqrt(x^2 + y^2) - 1.5 //
-include "export.idp"
-"""
+""" + ROUND.format(held=2)
 
 
 ASIDE = "x = 2*t; y = 0;", "x = 2*t; y = 0.06*min(t, 1 - t);"
@@ -169,13 +170,7 @@ def test_contact_is_on_the_circle_through_vertices(built, named_scene, changed):
 
 FINE = """include "scene.idp"
 body = square(40, 2, [(2 + 0.1*y)*sin(0.04*x), -(2 + 0.1*y)*cos(0.04*x)]);
-macro young() 1. //
-macro poisson() 0.3 //
-macro support() on(3, u1 = 0., u2 = 0.) //
-macro contact() 1 //
-macro gap() sqrt(x^2 + y^2) - 1.5 //
-include "export.idp"
-"""
+""" + ROUND.format(held=3)
 
 
 def test_contact_on_a_fine_circle_is_on_it(built, named_scene):
