@@ -248,7 +248,7 @@ class Companions:
             (fine, coarse) for (_, fine), (_, coarse) in zip(finer, coarser))))
         if not same:  # no mesh but this one has such a peak
             return 0.0
-        formal = formal_order("mesh", self.manifest.element, "displacement")
+        formal = self._order("mesh", "displacement")
         part = extrapolate([a - b for a, b in same], self.ratios, formal, own, True)
         return max(own + part.error - value, 0.0)
 
@@ -298,7 +298,10 @@ class Companions:
         return {} if few else self.base
 
     def _more_time(self) -> dict[str, Part]:
-        """From runs with more steps: their distance, and what the finest errs by itself."""
+        """From runs with more steps: their distance, that of another mesh mostly, and what the
+        finest errs by itself, at least what the distance tells at the formal order: the finest ones
+        may agree by chance.
+        """
         parts = finer(self.manifest, FINER, ENOUGH)
         mesh = {**self._telling(), "sampling": parts}
         try:
@@ -311,7 +314,10 @@ class Companions:
         if None in (*values, own):
             return dict.fromkeys(self.values, Part(None, note=UNTRIED))
         found = self._parts("time", list(zip(values, values[1:])), [2.0, 2.0])
-        return {name: Part(abs(own[name] - values[0][name]) + part.error, part.order)
+        away = {name: OF_TIME * abs(own[name] - values[0][name]) for name in found}
+        left = {name: size / (parts ** self._order("time", name) - 1)
+                for name, size in away.items()}
+        return {name: Part(away[name] + max(part.error, left[name]), part.order)
                 for name, part in found.items()}
 
     def _jumps(self) -> dict[str, Part]:
@@ -350,11 +356,14 @@ class Companions:
 
     def _parts(self, source: str, runs: list, ratios: list[float]) -> dict[str, Part]:
         """Parts of steps from pairs of finer and coarser runs, finest first."""
-        good, element = _whole(runs), self.manifest.element
+        good = _whole(runs)
         return {name: extrapolate([fine[name] - coarse[name] for fine, coarse in good], ratios,
-                                  formal_order(source, element, name), value, True,
-                                  safety=OF_TIME)
+                                  self._order(source, name), value, True, safety=OF_TIME)
                 for name, value in self.values.items()}
+
+    def _order(self, source: str, name: str) -> float:
+        """Formal order of a quantity's part."""
+        return formal_order(source, self.manifest.element, name)
 
 
 def _known(parts: dict[str, Part]) -> bool:
