@@ -1,14 +1,11 @@
 """The SPMD part of a run: loader, operator, time stepping and results on one communicator."""
 
-import os
-import sys
 import time
 import traceback
 from pathlib import Path
 
 import numpy as np
 
-from ..environment import EVERY_STEP
 from ..errors import Defect, DriverError, InputError, agreed_writes, defect, shortage, words_of
 from ..estimates import (adaptivity, between_steps, refinement, soundness, starts_inside,
                          validity)
@@ -26,67 +23,9 @@ from ..results.writer import Writer
 from ..timing import Laps
 from . import launch
 from .request import Request
-from .watch import Watch
-from .workspace import lock_log
+from .watch import Progress, Watch
 
 NO_ESTIMATES = "not all errors could be estimated"  # a warning, with the reason
-
-
-class Progress:
-    """Finished steps, residual, remaining time: a bar on a terminal, else lines; a log."""
-
-    def __init__(self, total: int, done: int, label: str, quiet: bool, log: Path | None):
-        """`done` steps of `total` are those of an interrupted run."""
-        self.total, self.done, self.label, self.quiet, self.bar = total, done, label, quiet, None
-        self.verdict = None  # on the last cycle
-        self.log = open(log, "a") if log else None
-        if self.log:
-            lock_log(self.log)
-        if not quiet and sys.stderr.isatty():
-            from tqdm import tqdm
-
-            self.bar = tqdm(total=total, initial=done, desc=label, unit="step", file=sys.stderr)
-        self.start = time.perf_counter()
-
-    def update(self, step) -> None:
-        """Report one finished step."""
-        spent, kkt = time.perf_counter() - self.start, f"{max(step.residuals.values()):.1e}"
-        iterations, products = step.fixed_point_iterations, step.products
-        line = (f"{self.label}: step {step.index}/{self.total}, {iterations} fixed-point "
-                f"iterations, {products} products, KKT residual {kkt}")
-        self.note(f"{line}, {spent:.2f} s")
-        due = (step.index % max(1, self.total // 5) == 0 or step.index == self.total
-               or EVERY_STEP in os.environ)
-        if self.bar is not None:
-            self.bar.set_postfix(fixed_point=iterations, products=products, kkt=kkt)
-            self.bar.update()
-        elif due and not self.quiet:
-            remaining = spent * (self.total - step.index) / (step.index - self.done)
-            print(f"{line}, {remaining:.0f} s left", flush=True)
-
-    def judge(self, cycles) -> None:
-        """Report the cycle that has ended: on the screen where it says something new."""
-        self.total, (last, *_) = cycles.total, cycles.past.rows[::-1]
-        line = (f"{self.label}: cycle {last['cycle']}: {'' if last['settled'] else 'not '}settled, "
-                f"{last['kind']}, change {last['change']:.1e}, slip {last['slip']:.3g}")
-        self.note(line)
-        verdict = last["kind"], last["settled"]
-        if self.bar is None and not self.quiet and verdict != self.verdict:
-            print(line, flush=True)
-        self.verdict = verdict
-
-    def note(self, line: str) -> None:
-        """One line for the log alone."""
-        if self.log:
-            print(line, file=self.log, flush=True)
-
-    def close(self, outcome: str) -> None:
-        """Leave the bar and close the log with how the run ended."""
-        self.note(outcome)
-        if self.log:
-            self.log.close()
-        if self.bar is not None:
-            self.bar.close()
 
 
 class Solution(launch.Stage):

@@ -22,7 +22,7 @@ from driver.march import checkpoint, saving
 from driver.march.quasistatic import QuasistaticSolver
 from driver.march.saving import restore, snapshot
 from driver.options import Settings
-from driver.runs import run, solve, workspace
+from driver.runs import run, watch, workspace
 from driver.errors import InputError
 
 WORDS = ("SCENE=model", "LOADING=nonmonotone", "CELLS=4", "STEPS=8", "FIGURES=no", "ERRORS=no")
@@ -93,18 +93,18 @@ def every_step(monkeypatch):
 @pytest.fixture
 def stop_after(monkeypatch):
     """stop_after(k): the next run is interrupted as soon as k steps of its own are behind it."""
-    update = solve.Progress.update
+    update = watch.Progress.update
 
     def make(steps: int):
         left = iter(range(steps))
 
         def stopped(self, found):
             if next(left, None) is None:
-                monkeypatch.setattr(solve.Progress, "update", update)
+                monkeypatch.setattr(watch.Progress, "update", update)
                 raise KeyboardInterrupt
             update(self, found)
 
-        monkeypatch.setattr(solve.Progress, "update", stopped)
+        monkeypatch.setattr(watch.Progress, "update", stopped)
 
     return make
 

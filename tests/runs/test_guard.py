@@ -19,7 +19,7 @@ from driver import cli, environment
 from driver.errors import InputError
 from driver.estimates import companions, prices
 from driver.march import checkpoint
-from driver.runs import guard, run, solve, workspace
+from driver.runs import guard, run, solve, watch, workspace
 
 STRANGER = 12345  # another user's number
 WORDS = ("SCENE=model", "LOADING=monotone", "CELLS=2", "SUBDOMAINS=2x1", "STEPS=2", "FIGURES=no",
@@ -259,7 +259,7 @@ def test_a_rank_that_dies_over_estimates_leaves_the_results(tmp_path, monkeypatc
 @pytest.fixture(scope="module")
 def interrupted(tmp_path_factory):
     """Directory with what a run left that was stopped after its first step."""
-    folder, update = tmp_path_factory.mktemp("interrupted"), solve.Progress.update
+    folder, update = tmp_path_factory.mktemp("interrupted"), watch.Progress.update
 
     def stop(self, step):
         if step.index == 2:
@@ -268,7 +268,7 @@ def interrupted(tmp_path_factory):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(checkpoint, "SHARE", np.inf)
-        patch.setattr(solve.Progress, "update", stop)
+        patch.setattr(watch.Progress, "update", stop)
         with pytest.raises(KeyboardInterrupt):
             execute(f"OUT={folder / 'out'}")
     return folder
