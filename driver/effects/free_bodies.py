@@ -17,7 +17,7 @@ from ..errors import NoSolution
 from ..feti import free_motions
 from ..qp.anderson import Anderson
 from ..qp.least_distance import least_distance
-from ..text import percent, step_name
+from ..text import step_name
 
 SECANTS = 5  # of the rigid motions' response that are combined
 BESIDE = 1e-2  # part of all contact forces on a body beside which its imbalance counts at least
@@ -68,7 +68,7 @@ class FreeBodies:
         shares, modes = self._shares(load, x), self.operator.structure.rigid_modes
         worst = [mode for mode, share in zip(modes, shares) if share > 0.1 * shares.max()]
         return ("no equilibrium was found: contact and friction could hold rigid bodies, but where "
-                f"these ones press and rub, {percent(shares.max())[:-1]} % of the forces on "
+                f"these ones press and rub, {100 * shares.max():.2g} % of the forces on "
                 f"{self._names(worst)}, which no support holds, stay unbalanced: "
                 f"{self._way(load, x, modes[int(shares.argmax())].body)}")
 

@@ -27,14 +27,14 @@ class Condensation:
 
     Without those that the states of corners exclude and those of nodes that face nothing: `nodes`
     (n,) have a normal row. Where a corner is open on both sides and rubs, its normal rows stay,
-    alone and open: `apart` are their places. `depends`: there are junctions, whose rows depend on
-    one another. `guess` is a dual vector near the solution of the first step, `eliminated` whether
+    alone and open: `apart` are their places. `junctions`: there are such, whose rows
+    depend on one another. `guess` is a dual vector near the solution of the first step, `eliminated` whether
     steps have begun to go by the `elimination`. Collective.
     """
 
     operator: DualProblem
     rows: ContactRows
-    depends: bool = False
+    junctions: bool = False
     guess: np.ndarray | None = None
     eliminated: bool = False
 
@@ -274,7 +274,7 @@ class Condensation:
         if self._law is None:
             self._law = CoulombProblem(compliance, np.zeros(self.n + self.m),
                                        np.zeros(self.m), self.pair, self._bilateral(),
-                                       self._motions(), depends=self._depends)
+                                       self._motions(), depends=self._dependent)
         offset = None
         if rows.offset is not None:
             offset = self.of_tangential(rows.offset)
@@ -283,10 +283,13 @@ class Condensation:
         return self._law.under(self._opened(d), self.coefficient, balance, offset)
 
     @property
-    def _depends(self) -> bool:
-        """`depends`, unless rows yield by laws of their own: surfaces that wear, or are rough."""
+    def _dependent(self) -> bool:
+        """Whether rows depend on one another: those of junctions do, unless rows yield by a law of
+        their own, where surfaces wear or are rough.
+        """
         softness = self.operator.softness
-        return self.depends and (softness is None or not self._gathered(softness, self._acts).any())
+        yields = softness is not None and self._gathered(softness, self._acts).any()
+        return self.junctions and not yields
 
     @property
     def coefficient(self) -> np.ndarray:

@@ -89,7 +89,7 @@ class Shortcut:
         condensation, operator = self.condensation, self.condensation.operator
         if condensation.whole or not condensation.total:
             return False
-        if operator.alike and not condensation.depends:  # equal bricks share more than shape
+        if operator.alike and not condensation.junctions:  # equal bricks share more than shape
             return False
         if operator.structure.dual_dofs < PUBLISHED and operator.cut_alike:
             return False

@@ -129,9 +129,9 @@ def test_it_comes_first_where_rows_are_cheap_to_eliminate(decided, monkeypatch):
     assert asked == [shortcut.FACTORIZATIONS * way.condensation.total**3 / 3]
     assert not first(price=shortcut.AT_ONCE + 1) and not first(newton=2 * shortcut.AT_ONCE + 1)
     assert not first(alike=True)  # products of alike subdomains cost little
-    monkeypatch.setattr(way.condensation, "depends", True)
+    monkeypatch.setattr(way.condensation, "junctions", True)
     assert first(alike=True)  # but not where bodies meet in junctions: equal bricks
-    monkeypatch.setattr(way.condensation, "depends", False)
+    monkeypatch.setattr(way.condensation, "junctions", False)
     rows = way.condensation.operator.structure.dual_dofs
     assert first(cut_alike=True, published=rows) and first(published=rows + 1)
     assert not first(cut_alike=True, published=rows + 1)
