@@ -27,8 +27,8 @@ class Condensation:
 
     Without those that the states of corners exclude and those of nodes that face nothing: `nodes`
     (n,) have a normal row. Where a corner is open on both sides and rubs, its normal rows stay,
-    alone and open: `apart` are their places. `junctions`: there are such, whose rows
-    depend on one another. `guess` is a dual vector near the solution of the first step, `eliminated` whether
+    alone and open: `apart` are their places. `junctions`: there are such, whose rows depend on
+    one another. `guess` is a dual vector near the solution of the first step, `eliminated` whether
     steps have begun to go by the `elimination`. Collective.
     """
 

@@ -5,6 +5,7 @@ that is not there for none: here both are refused.
 """
 
 import hashlib
+import os
 import re
 from pathlib import Path
 
@@ -13,13 +14,13 @@ from ..errors import InputError
 from ..text import near
 from . import choices, grammar, rooms
 from .grammar import declared_names
+from .library import Library, library, named_files
 from .manifest import Manifest
 
 OWN_FILES = ("scene.idp", "export.idp", "gmsh.idp")  # includes of a scene that declare nothing
 OPERATORS = {"and": "&&", "or": "||"}
 # whole numbers alone: what multiplies or divides them before makes another quotient
 WHOLE_QUOTIENT = r"(?<![\w.^*/)\]\s])\s*\b(\d+)\s*/\s*(\d+)(?![\w.])"
-WRITTEN = re.compile(r'\b(?:save\w+|ofstream\s+\w+)\s*\([^;"]*"([\w./+-]+)"')  # files
 DECLARATION = r"^(?!macro)(?:func )?\w+(?:\[[^\]]*\])? ([^;\n]*)"  # global: type, declarators
 
 
@@ -27,8 +28,9 @@ def text_digest(scene: Path) -> str:
     """Digest of the scene's script, of the library and of every file that either names in quotes,
     but for those that it writes.
     """
-    digest, known = hashlib.sha256(), set()
-    remaining = [scene, *sorted(environment.LIBRARY.rglob("*.idp"))]
+    own = library()
+    digest, known = hashlib.sha256(own.digest.encode()), set()
+    remaining = [scene, *_existing(scene.parent, sorted(own.files))]
     while remaining:
         path = remaining.pop()
         if path in known:
@@ -38,12 +40,15 @@ def text_digest(scene: Path) -> str:
         name_and_size = f"{path.name} {len(content)} "
         digest.update(name_and_size.encode("utf-8", "surrogateescape") + content)
         if path.suffix in (".edp", ".idp"):
-            text = content.decode("utf-8", "replace")
-            written = WRITTEN.findall(text)
-            quoted = re.findall(r'"([\w./+-]+)"', text)
-            files = [scene.parent / name for name in quoted if name not in written]
-            remaining += [file for file in files if len(file.name) < 256 and file.is_file()]
+            named = named_files(content.decode("utf-8", "replace"))
+            remaining += _existing(scene.parent, named)
     return digest.hexdigest()
+
+
+def _existing(folder: Path, names: list[str]) -> list[Path]:
+    """Those of the names that files in a folder have."""
+    paths = (os.path.join(folder, name) for name in names if len(os.path.basename(name)) < 256)
+    return [Path(path) for path in paths if os.path.isfile(path)]
 
 
 # ---- names that a scene declares -------------------------------------------------------------
@@ -59,9 +64,8 @@ def check_names(scene: Path) -> None:
     code = "\n".join(line for source in files for line in source.code)
     if 'include "export.idp"' not in code:
         return
-    library = "\n".join(path.read_text() for path in environment.LIBRARY.rglob("*.idp"))
-    hidden = {"evaluating", *re.findall(r"^\s*macro (\w+)", library, re.MULTILINE)}
-    hidden -= rooms.vocabulary()
+    known = library()
+    hidden = {"evaluating", *known.macros} - rooms.vocabulary()
     own = {macro.name: macro for source in files for macro in grammar.definitions(source)}
     for source in files:
         for line, name in grammar.declared(source):
@@ -70,11 +74,11 @@ def check_names(scene: Path) -> None:
             if reason := _variable_fault(name, own, code):
                 raise InputError(f"{source.path.name} line {line}: {reason}")
         for macro in grammar.definitions(source):
-            if reason := _macro_fault(macro.name, code, library):
+            if reason := _macro_fault(macro.name, code, known):
                 raise InputError(f"{source.path.name} line {macro.line}: {reason}")
         for number, line in enumerate(source.lines, 1):
             function = re.match(r"\s*func\s+\w+\s+(\w+)", line)
-            if function and re.search(rf"^func \w+ {function[1]}\(", library, re.MULTILINE):
+            if function and re.search(rf"^func \w+ {function[1]}\(", known.text, re.MULTILINE):
                 raise InputError(own_name(source.path, number, function[1]))
 
 
@@ -91,7 +95,7 @@ def _variable_fault(name: str, macros: dict, code: str) -> str:
     return ""
 
 
-def _macro_fault(name: str, code: str, library: str) -> str:
+def _macro_fault(name: str, code: str, known: Library) -> str:
     """Why a scene with this code may not define a macro; empty if it may."""
     if f"{name}1" in rooms.vocabulary():
         return f"{name} needs a number: {name}1 ... {name}9"
@@ -100,7 +104,7 @@ def _macro_fault(name: str, code: str, library: str) -> str:
     numbered = re.fullmatch(r"(\w*?[A-Za-z])\d+", name)
     if numbered and f"{numbered[1]}1" in rooms.vocabulary():
         return f"{name}: its number is one from 1 to 9"
-    if _is_word(name, library) and _is_word(name, grammar.without_texts(library)):
+    if known.uses(name):
         return f"the name '{name}' is the library's own; choose another"
     if len(re.findall(rf"\b{name}\b", code)) == 1:
         return f"nothing reads the macro {name}{hint(name)}"
@@ -221,12 +225,8 @@ def own_name(scene: Path, line: int, name: str) -> str:
 
 def declared_by_library(name: str) -> bool:
     """Whether the library has a global variable, or a function, with this name."""
-    for path in environment.LIBRARY.rglob("*.idp"):
-        code = grammar.without_texts(path.read_text())
-        for declarators in re.findall(DECLARATION, code, re.MULTILINE):
-            if name in declared_names(declarators):
-                return True
-    return False
+    return any(name in declared_names(declarators)
+               for declarators in re.findall(DECLARATION, library().code, re.MULTILINE))
 
 
 def _is_word(name: str, text: str) -> bool:

@@ -1,6 +1,7 @@
 """What FreeFEM exports is what it assembled, and a spoiled export is refused with a reason."""
 
 import json
+import shutil
 from dataclasses import MISSING
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from conftest import read_problem
 from mpi4py import MPI
 
+from driver import environment
 from driver.scene import freefem, records, seal
 from driver.errors import InputError
 from driver.scene.loader import read_subdomains
@@ -239,6 +241,19 @@ def test_export_of_an_edited_scene_is_stale(exported, copied, variant, tmp_path,
     (tmp_path / edited).write_text("// another\n")
     with pytest.raises(InputError, match="stale"):
         read_manifest(directory, freefem.text_digest(scene))
+
+
+def test_export_with_an_edited_library_is_stale(monkeypatch, tmp_path):
+    """Also in a process that has read its scripts before."""
+    library = shutil.copytree(environment.LIBRARY, tmp_path / "lib")
+    monkeypatch.setattr(environment, "LIBRARY", library)
+    scene = environment.ROOT / "edp" / "tutorial.edp"
+    digests = [freefem.text_digest(scene)]
+    for name, text in (("contact.idp", "// a remark\n"), ("another.idp", "")):
+        with open(library / name, "a") as script:
+            script.write(text)
+        digests.append(freefem.text_digest(scene))
+    assert len(set(digests)) == 3
 
 
 def test_scene_edited_while_freefem_runs(tmp_path, variant, monkeypatch):
