@@ -8,11 +8,10 @@ between nodes as those of the whole scene, see quantities.py.
 import numpy as np
 
 from ..contact.states import OPEN, SLIP, ContactField
-from .quantities import chains, contact_length, largest_pressure, longest_ways
+from .quantities import NODES, chains, contact_lengths, largest_pressure, longest_ways
 from .tables import BOUNDARIES
 
 WORK = "work"  # of friction, beside the names of ContactField
-NODES = ("xy", "arc", "chain", "weight", "length", "gap", "paired", "middle", "mirrored")
 
 
 def boundary_rows(record, states: dict[str, np.ndarray],
@@ -26,21 +25,25 @@ def boundary_rows(record, states: dict[str, np.ndarray],
         closed = states[ContactField.STATUS] != OPEN
         states = states | {ContactField.STATUS: np.where(closed, SLIP, OPEN)}
     work = np.array(record.work) if record.work else np.zeros(states[ContactField.SLIP].shape)
-    states = states | {WORK: work}
-    tables = [_one_boundary(record.contact.boundary, states, int(label), share,
+    states, nodes = states | {WORK: work}, record.nodes()
+    pieces = chains(nodes)
+    lengths = np.array([contact_lengths(nodes, pieces, states, k) for k in range(len(times))])
+    tables = [_one_boundary(record.contact.boundary, states, (int(label), share, lengths[:, k]),
                             record.normals or None)
-              for label, share in zip(record.labels, record.shares)]
+              for k, (label, share) in enumerate(zip(record.labels, record.shares))]
     names = [str(column.name) for column in BOUNDARIES]
     return [dict(zip(names, (step, time, *table[k])))
             for k, (step, time) in enumerate(times) for table in tables]
 
 
-def _one_boundary(boundary, states: dict[str, np.ndarray], label: int, share: np.ndarray,
+def _one_boundary(boundary, states: dict[str, np.ndarray], of_label: tuple,
                   normals: list[np.ndarray] | None) -> list[tuple]:
-    """Values after step and time, for every step; `share` (n_c,) of the label in the nodes.
+    """Values after step and time, for every step; `of_label`: the label, its share (n_c,) in the
+    nodes and its length in contact (steps,).
 
     `normals` (n_c, 2) of every step, where they change.
     """
+    label, share, length = of_label
     own = np.flatnonzero(share)
     nodes = {name: getattr(boundary, name)[own] for name in NODES}
     # between two pieces of one label lie nodes of others
@@ -62,6 +65,6 @@ def _one_boundary(boundary, states: dict[str, np.ndarray], label: int, share: np
     for k in range(len(pressure)):
         values = (pressure[k] @ weight, shear[k] @ weight, *force[k],
                   largest_pressure(nodes, pieces, pressure[k]),
-                  contact_length(nodes, pieces, states, k), slip[k], dissipated[k])
+                  length[k], slip[k], dissipated[k])
         rows.append((label, *map(float, values)))
     return rows

@@ -30,6 +30,8 @@ END = 2  # nodes that count as the end of a boundary
 # of a chord: what the boundary between contact nodes is longer, where one in between has none; on
 # smooth boundaries L^2/24 R^2 of it, in corners more
 BEND = 1e-2
+# columns of a ContactBoundary that places between nodes follow from
+NODES = ("xy", "arc", "chain", "weight", "length", "gap", "paired", "middle", "mirrored")
 NEXT = 3  # open nodes that locate an end of contact, the first of them once and once not
 EDGE = 0.3  # of an edge in which contact ends: what is open of the place
 NEARLY = 0.5  # part of the largest pressure that may exceed it on a finer mesh
@@ -205,26 +207,44 @@ def peak(arc: np.ndarray, values: np.ndarray) -> float:
 
 
 def contact_length(nodes: dict, pieces: list[np.ndarray], steps: dict, index: int) -> float:
-    """Length in contact at step `index`; edges between a closed and an open node count in part.
+    """Length in contact at step `index`, of all boundaries, see `contact_lengths`."""
+    return float(contact_lengths(nodes, pieces, steps, index).sum())
+
+
+def contact_lengths(nodes: dict, pieces: list[np.ndarray], steps: dict, index: int) -> np.ndarray:
+    """(boundaries,) lengths in contact at step `index`; edges between a closed and an open node
+    count in part.
 
     A node that touches alone, and has no part of its edges by how they open, counts by its dual
-    segment: what bears a force has a length.
+    segment: what bears a force has a length. An edge belongs to the boundary of both its nodes, of
+    which vertices between two boundaries have `shares` in both.
     """
-    total, own = 0.0, nodes.get("length", nodes["weight"])
-    for piece in pieces:
-        closed = steps["status"][index][piece] != OPEN
-        if len(piece) == 1:
-            total += float(own[piece[0]]) * closed[0]
-            continue
-        inside = float(np.diff(nodes["arc"][piece]) @ (closed[1:] & closed[:-1]))
-        beyond = beyond_ends(nodes, piece)
-        whole = closed[[0, -1]] & closed[[1, -2]]  # edges at the ends
-        total += float(np.where(whole, beyond, np.maximum(beyond, 0.0)) @ closed[[0, -1]]) + inside
-        parts = edges_of_contact(nodes, piece, steps, index)
-        total += sum(part for _, _, part in parts)
-        ends = [(0, -1, beyond[0]), (len(piece) - 1, len(piece), beyond[1])]
-        total += sum(own[piece[alone]] for alone in _pointlike(closed, parts + ends))
-    return float(total)
+    own = nodes.get("length", nodes["weight"])
+    shares = nodes.get("shares", np.ones((1, len(own))))
+    parts = [part for piece in pieces for part in _lengths_of(nodes, piece, steps, index)]
+    if not parts:
+        return np.zeros(len(shares))
+    one, other, lengths = (np.array(column) for column in zip(*parts))
+    both = shares[:, one] * shares[:, other]
+    both = np.where(both.any(axis=0), both, shares[:, one])
+    return both / both.sum(axis=0) @ lengths
+
+
+def _lengths_of(nodes: dict, piece: np.ndarray, steps: dict,
+                index: int) -> list[tuple[int, int, float]]:
+    """Two nodes, and the length in contact of the edge between them, or of what is one's alone."""
+    own, closed = nodes.get("length", nodes["weight"]), steps["status"][index][piece] != OPEN
+    if len(piece) == 1:
+        return [(piece[0], piece[0], own[piece[0]] * closed[0])]
+    inside = zip(piece[:-1], piece[1:], np.diff(nodes["arc"][piece]) * (closed[1:] & closed[:-1]))
+    beyond = beyond_ends(nodes, piece)
+    whole = closed[[0, -1]] & closed[[1, -2]]  # edges at the ends
+    at_ends = np.where(whole, beyond, np.maximum(beyond, 0.0)) * closed[[0, -1]]
+    parts = edges_of_contact(nodes, piece, steps, index)
+    ends = [(0, -1, beyond[0]), (len(piece) - 1, len(piece), beyond[1])]
+    return [*inside, *zip(piece[[0, -1]], piece[[0, -1]], at_ends),
+            *((piece[i], piece[k], part) for i, k, part in parts),
+            *((piece[k], piece[k], own[piece[k]]) for k in _pointlike(closed, parts + ends))]
 
 
 def _pointlike(closed: np.ndarray, parts: list[tuple[int, int, float]]) -> list[int]:

@@ -8,8 +8,8 @@ from ..march.quasistatic import QuasistaticSolver
 from ..march.step import Step
 from . import dissipation
 from .contact_state import WEAR, ContactState, less_wear
-from .quantities import (REPEATS, chains, farthest_node, largest_pressure, peak_nodes, quantities,
-                         singular_places)
+from .quantities import (NODES, REPEATS, chains, farthest_node, largest_pressure, peak_nodes,
+                         quantities, singular_places)
 from .shares import label_shares
 from .touch import Touch, of_arrivals
 
@@ -106,7 +106,7 @@ class Record:
 
     def largest_pressure(self) -> float:
         """That of the last step so far, as of a scene's quantities."""
-        nodes = self._nodes()
+        nodes = self.nodes()
         return largest_pressure(nodes, chains(nodes), self.states["sigma_n"][-1])
 
     def peak_nodes(self, index: int) -> np.ndarray:
@@ -158,16 +158,14 @@ class Record:
         """(steps, n_k) whether a support holds clamped nodes inside what they meet."""
         return np.array(self.inside) > INSIDE * np.array(self.displacements)[:, None]
 
-    def _nodes(self) -> dict:
+    def nodes(self) -> dict:
         """Columns of the nodes, as quantities.py takes them."""
-        names = ("xy", "arc", "weight", "length", "gap", "chain", "paired", "middle",
-                 "mirrored")
-        return ({name: getattr(self.contact.boundary, name) for name in names}
+        return ({name: getattr(self.contact.boundary, name) for name in NODES}
                 | {"shares": self.shares})
 
     def _columns(self) -> tuple[dict, dict]:
         """Columns of the nodes and of the steps, as quantities.py takes them."""
-        nodes = self._nodes()
+        nodes = self.nodes()
         steps = less_wear({name: np.array(column) for name, column in self.states.items()})
         steps |= {"work": np.array(self.work), **self.counted}
         if self.contact.boundary.moves:

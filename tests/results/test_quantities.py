@@ -340,6 +340,29 @@ def test_contact_length_and_peak_lie_between_nodes(shift):
         assert found["normal_resultant"] == pytest.approx(np.pi * A * P0 / 2, rel=(h / A) ** 1.5)
 
 
+@pytest.mark.parametrize("shift", [0.0, 0.35, 0.8])
+@pytest.mark.parametrize("ends", [(0,), (3, 9, 10), (5, 6, 30)])
+def test_lengths_of_labels_sum_to_that_of_all_wherever_labels_end(shift, ends):
+    """An edge, and the end of contact in it, belongs to one label; a common vertex to both."""
+    nodes, steps = hertzian(0.04, shift)
+    n = len(nodes["arc"])
+    edge_label = np.searchsorted(ends, np.arange(n - 1), side="right")
+    shares = np.zeros((len(ends) + 1, n))
+    for side in (slice(0, n - 1), slice(1, n)):
+        np.add.at(shares, (edge_label, np.arange(n)[side]), 0.5)
+    shares /= shares.sum(axis=0)
+    whole = q.contact_length(nodes, q.chains(nodes), steps, 0)
+    lengths = q.contact_lengths(nodes | {"shares": shares}, q.chains(nodes), steps, 0)
+    assert lengths.sum() == pytest.approx(whole)
+    closed = steps["status"][0] != OPEN
+    inside = np.diff(nodes["arc"]) * (closed[1:] & closed[:-1])
+    for k, length in enumerate(lengths):
+        own = edge_label == k
+        beside = own & (closed[1:] != closed[:-1])
+        least = inside[own].sum()
+        assert least - 1e-12 <= length <= least + np.diff(nodes["arc"])[beside].sum() + 1e-12
+
+
 @pytest.mark.parametrize("scale", [1.0, 7.0])
 def test_a_single_open_node_leaves_the_edge_to_the_pressure(scale):
     """Which vanishes like the root of the distance: 0.3 beyond the last node that touches, at

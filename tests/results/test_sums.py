@@ -171,8 +171,9 @@ def test_forces_of_a_boundary_follow_its_normals_where_they_change():
               ContactField.SLIP: np.ones((2, 4)), ContactField.U_N: np.zeros((2, 4)),
               ContactField.STATUS: np.full((2, 4), SLIP), "work": np.ones((2, 4))}
     share = np.array([1.0, 1.0, 0.25, 0.0])
-    still = _one_boundary(b, states, 3, share, None)
-    moving = _one_boundary(b, states, 3, share, [normal, normal])
+    of_label = 3, share, np.zeros(2)
+    still = _one_boundary(b, states, of_label, None)
+    moving = _one_boundary(b, states, of_label, [normal, normal])
     np.testing.assert_allclose(moving, still, rtol=1e-12)
     p, t = -states[ContactField.SIGMA_N], states[ContactField.SIGMA_T]
     for k, row in enumerate(still):
