@@ -58,7 +58,6 @@ SHEAR_FORCE, WORK, WAY = "tangential_resultant", "dissipated_energy", "displacem
 # integrals, which adjoint problems hold where there are any; others hang on places between nodes
 HELD = ("normal_resultant", SHEAR_FORCE, WAY)
 SLIP = "slip"
-SHARP = (*HELD, WORK, SLIP)  # approached no faster than sharp ends leave
 # of the geometric mean of two estimates, each off by a factor; what meshes and nodes say of the
 # contact length: 87 of 88 claims of shipped scenes and of awkward meshes hold, down to 1.5
 BETWEEN = 1.75
@@ -126,10 +125,11 @@ class Caution:
         `singular`: quantities at places where they may be infinite; `touches`: contact on the
         meshes, finest first.
         """
-        most = np.inf if self.adapted else min(self.order,
-                                               sharp_ends.order(list(touches), ratios))
+        most, over = (np.inf if self.adapted else min(self.order, order(list(touches), ratios))
+                      for order in (sharp_ends.order, sharp_ends.order_of_history))
         changes = {name: [fine[name] - coarse[name] for fine, coarse in runs] for name in values}
-        orders = dict.fromkeys(SHARP, most) | {SLIP: sharp_ends.order_of_way(self.touch, most)}
+        orders = dict.fromkeys(HELD, most) | {
+            WORK: over, SLIP: sharp_ends.order_of_way(self.touch, over)}
         parts = {name: self._part(name, changes[name], ratios, value, name in singular,
                                   orders.get(name, np.inf)) for name, value in values.items()}
         if 0 < min((touch.nodes for touch in touches[2:]), default=0) < fewest(self.element):

@@ -34,6 +34,7 @@ NEXT = 3  # open nodes that locate an end of contact, the first of them once and
 EDGE = 0.3  # of an edge in which contact ends: what is open of the place
 NEARLY = 0.5  # part of the largest pressure that may exceed it on a finer mesh
 REPEATS = "repeats"  # column of steps: how often each is gone through, if not once
+AS_NOW = 0.9  # part of a history's slip, and of its largest force, that is one with all of it
 NOTHING = 1e-5  # part of the largest resultant of the history that tolerances leave
 
 
@@ -53,8 +54,8 @@ def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[st
     pressure, weight, pieces = -steps["sigma_n"], nodes["weight"], chains(nodes)
     shares = nodes.get("shares", np.ones((1, len(weight))))
     normal = resultant(shares, pressure, weight)
-    carried = np.abs(pressure) @ weight  # bilateral contact may push and pull alike
-    index = _moment(carried if carried.any() else displacement)
+    forces = carried(nodes, steps)
+    index = _moment(forces if forces.any() else displacement)
     values = {"peak_pressure": largest_pressure(nodes, pieces, pressure[index]),
               "normal_resultant": normal[index],
               "contact_length": contact_length(nodes, pieces, steps, index),
@@ -105,6 +106,21 @@ def singular_places(nodes: dict, steps: dict, index: int) -> tuple[str, ...]:
             if status[piece[end]] != OPEN and not mirrored:
                 at_end = max(at_end, p[outer].max())
     return ("peak_pressure",) if at_end > NEARLY * largest else ()
+
+
+def carried(nodes: dict, steps: dict) -> np.ndarray:
+    """(steps,) what contact carries, of bilateral contact, which may push and pull alike, sizes."""
+    return np.abs(steps["sigma_n"]) @ nodes["weight"]
+
+
+def made_under_load(nodes: dict, steps: dict, index: int) -> bool:
+    """Whether the largest slip until step `index` was made one way, under what contact carries then:
+    neither was it longer in between, nor what carried it more, but for AS_NOW.
+    """
+    node, force = farthest_node(steps, index), carried(nodes, steps)[: index + 1]
+    sliding = steps["status"][: index + 1, node] == SLIP
+    way = np.where(sliding, steps["slip"][: index + 1, node], 0.0)
+    return bool(abs(way.sum()) >= AS_NOW * np.abs(way).sum() and force[-1] >= AS_NOW * force.max())
 
 
 def _moment(size: np.ndarray) -> int:

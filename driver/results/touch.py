@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..contact.states import OPEN, SLIP
-from .quantities import (EDGE, beyond_ends, chains, doubt_of_ends, farthest_node, is_ring,
+from .quantities import (EDGE, beyond_ends, carried, chains, doubt_of_ends, farthest_node, is_ring,
                          longest_ways, moves)
 
 FEW = 6  # nodes in contact, among which the next may differ by all of a quantity's error
@@ -30,6 +30,8 @@ class Touch:
     length: np.ndarray = field(default_factory=lambda: np.zeros(0))  # of their boundary
     # (k, 3) of the ends of boundaries: place, pressure over the mean one of those that touch
     ends: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    # the same in the step until then in which contact carried most
+    loaded: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     apart: float = np.inf  # least opening, where none touches
     # (m, 2) opening of the nodes that do not touch, and length of their boundary
     beside: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
@@ -51,9 +53,7 @@ class Touch:
         whole = nodes.get("length", nodes["weight"])
         length = whole[closed]
         pressure = -steps["sigma_n"][index]
-        mean = pressure[closed] @ length / max(length.sum(), 1e-300)
-        ends = [end for piece in pieces if not is_ring(nodes, piece)
-                for end in dict.fromkeys(piece[[0, -1]].tolist())]
+        most = int(carried(nodes, steps)[: index + 1].argmax())
         gap = steps["gap"][index] if "gap" in steps else nodes["gap"]
         opening = gap - steps["u_n"][index]
         apart = opening.min(initial=np.inf, where=not closed.any())
@@ -62,8 +62,7 @@ class Touch:
         return cls(int(closed.sum()), _lone(nodes, pressing), pressing_round, flat,
                    bool(sliding and one_way), between_nodes(nodes, steps, index),
                    pressure[closed], length,
-                   np.column_stack([nodes["xy"][ends], pressure[ends] / (mean or 1.0)]),
-                   float(apart), np.column_stack([opening, whole])[~closed],
+                   _at_ends(nodes, steps, index), _at_ends(nodes, steps, most), float(apart), np.column_stack([opening, whole])[~closed],
                    sum(_sides(nodes, piece, closed[piece]) for piece in pieces),
                    sum(doubt_of_ends(nodes, piece, steps, index) for piece in lines),
                    sum(float(np.diff(nodes["arc"][piece]).sum() + beyond_ends(nodes, piece).sum())
@@ -82,6 +81,16 @@ class Touch:
         """
         opening, length = self.beside.T
         return float(length[opening < way].sum() + self.lighter(part) + self.edges)
+
+
+def _at_ends(nodes: dict, steps: dict, index: int) -> np.ndarray:
+    """(k, 3) of the ends of boundaries: place, pressure over the mean one of those that touch."""
+    ends = [end for piece in chains(nodes) if not is_ring(nodes, piece)
+            for end in dict.fromkeys(piece[[0, -1]].tolist())]
+    pressure, closed = -steps["sigma_n"][index], steps["status"][index] != OPEN
+    length = nodes.get("length", nodes["weight"])[closed]
+    mean = pressure[closed] @ length / max(length.sum(), 1e-300)
+    return np.column_stack([nodes["xy"][ends], pressure[ends] / (mean or 1.0)])
 
 
 def _cornered(nodes: dict, pieces: list, force: np.ndarray) -> bool:
