@@ -75,6 +75,7 @@ GRAZES = "the mesh is too coarse: it may touch"
 # half of what the strongest stresses of one material leave: by chance rather than an order; adjoint
 # problems, which see the stresses themselves, then speak alone
 NO_ORDER = UNSETTLED / 2
+ABOUT = 0.1  # by which the order that sharp ends leave may be another: pressures' growth is noisy
 FAST = 2.0  # their order on two meshes of quadratic elements, or of two cycles
 
 
@@ -227,14 +228,15 @@ class Caution:
     def _part(self, name: str, changes: list, ratios: list, value: float, singular: bool,
               most: float) -> Part:
         caution = CAUTION[name] if self.sizes or name not in HELD else SAFETY
-        if name == SLIP and self.touch.way_at_end and np.isfinite(most):
+        estimated = np.isfinite(most)
+        if estimated and (name == WORK or name == SLIP and self.touch.way_at_end):
             caution = SAFETY  # nodes beside a sharp end differ by far less than it errs
         fast = (self.element != "P1" or self.adapted) and name in HELD and self.sizes
         formal = formal_order("mesh", self.element, name, self.chords, most)
         part = extrapolate(changes, ratios, formal, value, name not in UNBOUNDED, singular,
                            caution, FAST if fast else 1.0)
         slowest = NO_ORDER if self.sizes and name in HELD else 0.0
-        told = self._told(part, changes, formal, slowest)
+        told = self._told(part, changes, formal + ABOUT * estimated, slowest)
         part = self._doubted(part, told)
         slack = np.inf if self.chords else self.stiff  # for what smoothed stresses do not see
         told |= name not in HELD

@@ -83,7 +83,8 @@ def resultant(shares: np.ndarray, tractions: np.ndarray, weight: np.ndarray):
 
 
 def singular_places(nodes: dict, steps: dict, index: int) -> tuple[str, ...]:
-    """Quantities that may be infinite: a largest pressure where contact reaches the boundary's end.
+    """Quantities that may be infinite: a largest pressure where contact reaches the boundary's end,
+    or beside which it ends within a side, as under an edge or a rounding that no node resolves.
 
     `nodes` as above and `mirrored` (n,), where a support lets nodes move along the normal alone, as
     in a plane of symmetry, unless the next node slides: in such a plane shear vanishes, and where
@@ -96,11 +97,15 @@ def singular_places(nodes: dict, steps: dict, index: int) -> tuple[str, ...]:
     pressure, status = np.abs(steps["sigma_n"][index]), steps["status"][index]
     rubs = (status == SLIP) & (steps["sigma_t"][index] != 0)
     largest, at_end = pressure.max(initial=0.0), 0.0
-    near = END * (2 if nodes["middle"].any() else 1)
+    side = 2 if nodes["middle"].any() else 1
+    near = END * side
     for piece in chains(nodes):
         if is_ring(nodes, piece):
             continue
         p = np.maximum(pressure[piece], traction(nodes, pressure, piece))
+        top = int(p.argmax())
+        if (status[piece][max(top - side, 0):top + side + 1] == OPEN).any():
+            at_end = max(at_end, p[top])
         for end, outer in ((0, slice(near)), (-1, slice(-near, None))):
             mirrored = nodes["mirrored"][piece[end]] and not rubs[piece[outer]].any()
             if status[piece[end]] != OPEN and not mirrored:

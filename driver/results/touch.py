@@ -132,29 +132,31 @@ def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
     Where contact ends between two nodes the place is known to a part of the edge, and where
     pressure falls steeply towards an end of the boundary contact may end before it, by as much as
     `_before_ends` says where it would be zero there but for the end node. The largest slip may be
-    elsewhere by as much as it differs from that of the next nodes that have touched. All but the
-    first where FEW nodes are in contact; where there are more by less in proportion: of slip where
-    more have slid, as it is zero wherever all stick. The largest pressure by how far it stands out
+    elsewhere by as much as it differs from that of the next nodes that have touched. Slip and the
+    place between two nodes where FEW nodes are in contact; where there are more by less in
+    proportion, as meshes tell: of slip where more have slid, as it is zero wherever all stick. Of
+    contact that may end before the boundary meshes that all close its last node tell nothing. The largest pressure by how far it stands out
     from its neighbours, see `_standing_out`.
     """
     touching = steps["status"][: index + 1] != OPEN
-    closed, clamped, early, edges, apart = touching[-1], 0.0, 0.0, [], 0.0
+    closed, clamped, early, edges, falls, apart = touching[-1], 0.0, 0.0, [], [], 0.0
     sliding = steps["status"][: index + 1] == SLIP
     way = np.where(sliding, moves(steps)[: index + 1], 0.0).sum(axis=0)
     top = farthest_node(steps, index)
     for piece in chains(nodes):
         if len(piece) > 1:
-            edges += _ends(nodes, piece, closed[piece], -steps["sigma_n"][index][piece])
+            pressure = -steps["sigma_n"][index][piece]
+            edges += _ends(nodes, piece, closed[piece])
             if not is_ring(nodes, piece):
                 clamped += float(beyond_ends(nodes, piece) @ closed[piece[[0, -1]]]) / 2
-                early += _before_ends(nodes, piece, closed[piece],
-                                      -steps["sigma_n"][index][piece])
+                early += _before_ends(nodes, piece, closed[piece], pressure)
+                falls += _falls(nodes, piece, closed[piece], pressure)
         near = piece[(np.abs(piece - top) <= 1) & touching[:, piece].any(axis=0)]
         if top in piece and len(near):
             apart = float(np.abs(way[near] - way[top]).max())
             apart *= min(1.0, FEW / max(1, np.count_nonzero(sliding[:, piece].any(axis=0))))
     share = min(1.0, FEW / max(1, np.count_nonzero(closed)))
-    ends = EDGE * share * float(np.linalg.norm(edges))
+    ends = EDGE * float(np.hypot(share * np.linalg.norm(edges), np.linalg.norm(falls)))
     return {"peak_pressure": _standing_out(nodes, np.abs(steps["sigma_n"][index])),
             "contact_length": max(clamped, early, ends), "slip": apart}
 
@@ -233,12 +235,16 @@ def _alone(apart: np.ndarray) -> float:
     return float(np.clip(min((1 + back) / 1.5, 1.5 - back), HALF, 1.0))
 
 
-def _ends(nodes: dict, piece: np.ndarray, closed: np.ndarray, pressure: np.ndarray) -> list[float]:
-    """Lengths of the element sides of a piece in which contact ends, or may do so."""
+def _ends(nodes: dict, piece: np.ndarray, closed: np.ndarray) -> list[float]:
+    """Lengths of the element sides of a piece in which contact ends."""
     side = np.diff(nodes["arc"][piece]) * (2 if nodes["middle"].any() else 1)
-    ends = [*side[closed[1:] != closed[:-1]]]
-    if is_ring(nodes, piece):
-        return ends
+    return [*side[closed[1:] != closed[:-1]]]
+
+
+def _falls(nodes: dict, piece: np.ndarray, closed: np.ndarray,
+           pressure: np.ndarray) -> list[float]:
+    """Lengths of the last element sides of a piece in which contact may end, closed as they are."""
+    side, ends = np.diff(nodes["arc"][piece]) * (2 if nodes["middle"].any() else 1), []
     for end, near in ((0, 1), (-1, -2)):
         mirrored = nodes["mirrored"][piece[end]]
         if closed[end] and not mirrored and pressure[end] < FALLS * pressure[near]:

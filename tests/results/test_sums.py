@@ -380,12 +380,12 @@ def test_names_of_columns_and_files():
     ([0, 0, 0, 1, 1], 2.0, [1.0]), ([0, 0, 0, 0, 0], 0.0, [])])
 @pytest.mark.parametrize("middle", [False, True])
 def test_sides_in_which_contact_ends_are_those_of_elements(closed, sides_, ends, middle):
-    """Sides of length 1, with a node in the middle or without; pressures do not fall to the end."""
+    """Sides of length 1, with a node in the middle or without."""
     nodes = {"arc": np.arange(5.0) / (2 if middle else 1), "middle": np.arange(5) % 2 * middle,
              "xy": np.column_stack([np.arange(5.0), np.zeros(5)]), "mirrored": np.zeros(5, bool)}
     piece, state = np.arange(5), np.array(closed, bool)
     assert touch._sides(nodes, piece, state) == sides_
-    assert touch._ends(nodes, piece, state, np.ones(5)) == ends
+    assert touch._ends(nodes, piece, state) == ends
 
 
 def test_memory_is_that_of_the_process_in_mib():
