@@ -106,7 +106,7 @@ class Caution:
     touch: Touch = field(default_factory=Touch)
     sizes: dict = field(default_factory=dict)  # of adjoint problems, by quantity
     length: float = np.inf  # of the largest body
-    order: float = np.inf  # that tips of cracks leave, see sharp_ends.py
+    tips: float = np.inf  # order that tips of cracks leave, see sharp_ends.py
 
     @classmethod
     def of(cls, problem, touch: Touch, sizes: dict, energy: float = 0.0,
@@ -126,8 +126,8 @@ class Caution:
         `singular`: quantities at places where they may be infinite; `touches`: contact on the
         meshes, finest first.
         """
-        most, over = (np.inf if self.adapted else min(self.order, order(list(touches), ratios))
-                      for order in (sharp_ends.order, sharp_ends.order_of_history))
+        most, over = (self.order(touches, ratios, of)
+                      for of in (sharp_ends.order, sharp_ends.order_of_history))
         changes = {name: [fine[name] - coarse[name] for fine, coarse in runs] for name in values}
         orders = dict.fromkeys(HELD, most) | {
             WORK: over, SLIP: sharp_ends.order_of_way(self.touch, over)}
@@ -153,6 +153,10 @@ class Caution:
         if WORK in values and _unsure(values, parts):
             parts[WORK] = located(parts[WORK], abs(values[WORK]))
         return parts
+
+    def order(self, touches: list[Touch], ratios: list[float], of=sharp_ends.order) -> float:
+        """Order that ends of contact and tips of cracks leave functionals at most."""
+        return np.inf if self.adapted else min(self.tips, of(list(touches), ratios))
 
     def _grazes(self, parts: dict, coarser: list[dict]) -> bool:
         """Whether nothing touches, and something may."""
@@ -236,14 +240,21 @@ class Caution:
         part = extrapolate(changes, ratios, formal, value, name not in UNBOUNDED, singular,
                            caution, FAST if fast else 1.0)
         slowest = NO_ORDER if self.sizes and name in HELD else 0.0
-        told = self._told(part, changes, formal + ABOUT * estimated, slowest)
+        told = {self._told(part, changes, formal + above, slowest)
+                for above in (0.0, ABOUT * estimated)}
+        found = [self._held(name, part, changes, ratios, each) for each in told]
+        part = max(found, key=lambda part: part.error or 0.0)
+        return located(part, (self.touch.open or {}).get(name, 0.0))
+
+    def _held(self, name: str, part: Part, changes: list, ratios: list, told: bool) -> Part:
+        """The part within what adjoint problems leave; `told`: whether meshes tell an order."""
         part = self._doubted(part, told)
         slack = np.inf if self.chords else self.stiff  # for what smoothed stresses do not see
         told |= name not in HELD
         part = held(name, part, self.sizes.get(name), slack, told)
         if part.error is not None and not told and _grow(changes, ratios):
             part = located(part, BETWEEN * float(np.sqrt(part.error * abs(changes[0]))))
-        return located(part, (self.touch.open or {}).get(name, 0.0))
+        return part
 
     @staticmethod
     def _told(part: Part, changes: list, formal: float, slowest: float = 0.0) -> bool:

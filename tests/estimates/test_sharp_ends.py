@@ -97,7 +97,7 @@ def test_where_a_tie_begins_the_order_is_that_of_the_tip_of_a_crack(start, perio
 def test_coarse_meshes_are_trusted_no_further_than_the_tip_of_a_crack_allows():
     """Whose change falls by four: a third of the last one is left, or all of it, beside caution."""
     runs = [({"slip": 1.0}, {"slip": 0.99}), ({"slip": 0.99}, {"slip": 0.95})]
-    fast, slow = (Caution("P1", touch=touch(0.1, 0.0), order=order).parts(
+    fast, slow = (Caution("P1", touch=touch(0.1, 0.0), tips=order).parts(
         {"slip": 1.0}, runs, [2.0, 2.0], ())["slip"].error for order in (np.inf, sharp_ends.TIP))
     assert slow > 2 * fast and slow >= 0.01 > fast
 
@@ -119,7 +119,7 @@ def test_slip_at_a_sharp_end_is_claimed_by_the_order_there(coarser):
     slip elsewhere is claimed as before.
     """
     runs = [({"slip": 1.0}, {"slip": 0.99}), ({"slip": 0.99}, {"slip": coarser})]
-    end, inside = (Caution("P1", touch=touch(0.1, 0.0, slid=slid), order=1.0).parts(
+    end, inside = (Caution("P1", touch=touch(0.1, 0.0, slid=slid), tips=1.0).parts(
         {"slip": 1.0}, runs, [2.0, 2.0], ())["slip"].error for slid in (0, 50))
     left = (0.01 if coarser > 0.99 else 0.04 / 2**0.5) / (2**0.5 - 1)
     assert end == pytest.approx(1.75 * left, rel=1e-3) and inside < end / 2
