@@ -51,8 +51,8 @@ class Peaks:
 
 
 def exceeding(pairs: list[tuple[Peaks, Peaks]], ratios: list[float], formal: float) -> float:
-    """By how much a free peak may exceed the largest displacement, from `pairs` of finer and coarser
-    meshes, finest first; zero for one that is the largest on all of them.
+    """By how much a free peak may exceed the largest displacement, zero for one that is it on all
+    meshes; from `pairs` of finer and coarser ones, finest first.
     """
     own, most = pairs[0][0], 0.0
     for peak in own.free[own.free[:, SIZE] > SAME * own.largest]:

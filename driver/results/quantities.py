@@ -119,8 +119,8 @@ def carried(nodes: dict, steps: dict) -> np.ndarray:
 
 
 def made_under_load(nodes: dict, steps: dict, index: int) -> bool:
-    """Whether the largest slip until step `index` was made one way, under what contact carries then:
-    neither was it longer in between, nor what carried it more, but for AS_NOW.
+    """Whether the largest slip until step `index` was made one way, under what contact carries
+    then: it did not turn, nor did contact carry more before, but for AS_NOW.
     """
     node, force = farthest_node(steps, index), carried(nodes, steps)[: index + 1]
     sliding = steps["status"][: index + 1, node] == SLIP

@@ -62,7 +62,8 @@ class Touch:
         return cls(int(closed.sum()), _lone(nodes, pressing), pressing_round, flat,
                    bool(sliding and one_way), between_nodes(nodes, steps, index),
                    pressure[closed], length,
-                   _at_ends(nodes, steps, index), _at_ends(nodes, steps, most), float(apart), np.column_stack([opening, whole])[~closed],
+                   _at_ends(nodes, steps, index), _at_ends(nodes, steps, most), float(apart),
+                   np.column_stack([opening, whole])[~closed],
                    sum(_sides(nodes, piece, closed[piece]) for piece in pieces),
                    sum(doubt_of_ends(nodes, piece, steps, index) for piece in lines),
                    sum(float(np.diff(nodes["arc"][piece]).sum() + beyond_ends(nodes, piece).sum())
@@ -84,7 +85,7 @@ class Touch:
 
 
 def _at_ends(nodes: dict, steps: dict, index: int) -> np.ndarray:
-    """(k, 3) of the ends of boundaries: place, pressure over the mean one of those that touch."""
+    """(k, 3) of the ends of boundaries: place, pressure over the mean one of what touches."""
     ends = [end for piece in chains(nodes) if not is_ring(nodes, piece)
             for end in dict.fromkeys(piece[[0, -1]].tolist())]
     pressure, closed = -steps["sigma_n"][index], steps["status"][index] != OPEN
@@ -135,11 +136,12 @@ def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
     elsewhere by as much as it differs from that of the next nodes that have touched. Slip and the
     place between two nodes where FEW nodes are in contact; where there are more by less in
     proportion, as meshes tell: of slip where more have slid, as it is zero wherever all stick. Of
-    contact that may end before the boundary meshes that all close its last node tell nothing. The largest pressure by how far it stands out
-    from its neighbours, see `_standing_out`.
+    contact that may end before the boundary meshes that all close its last node tell nothing. The
+    largest pressure by how far it stands out from its neighbours, see `_standing_out`.
     """
     touching = steps["status"][: index + 1] != OPEN
-    closed, clamped, early, edges, falls, apart = touching[-1], 0.0, 0.0, [], [], 0.0
+    closed, edges, falls = touching[-1], [], []
+    clamped, early, apart = 0.0, 0.0, 0.0
     sliding = steps["status"][: index + 1] == SLIP
     way = np.where(sliding, moves(steps)[: index + 1], 0.0).sum(axis=0)
     top = farthest_node(steps, index)
