@@ -30,6 +30,8 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
   may be chance, and no less is claimed than by the two other meshes alone;
 - where resultants and displacements change more and more from mesh to mesh, as where contact opens
   elsewhere on each: not less than a mean of what the adjoint problem says and of the last change;
+- for loads that jump inside edges, which quadrature sees in part (soundness.py): meshes may differ
+  by as much more as those of the coarser one err, and no less is claimed than the run's own do;
 - for displacements where a node or two of a round boundary carry all: their force acts where a
   node is, on all meshes that have it, and not where the boundaries would meet.
 
@@ -120,19 +122,24 @@ class Caution:
                    sharp_ends.of_tips(problem, touch))
 
     def parts(self, values: dict, runs: list, ratios: list[float], singular,
-              touches: list[Touch] = ()) -> dict[str, Part]:
+              touches: list[Touch] = (), lost: list[float] = ()) -> dict[str, Part]:
         """Part by quantity from pairs of the values of finer and coarser runs, finest first.
 
-        `singular`: quantities at places where they may be infinite; `touches`: contact on the
-        meshes, finest first.
+        `singular`: quantities at places where they may be infinite; on the meshes, finest first,
+        `touches`: contact, and `lost`: parts by which loads may err, none if it is not given.
         """
         most, over = (self.order(touches, ratios, of)
                       for of in (sharp_ends.order, sharp_ends.order_of_history))
-        changes = {name: [fine[name] - coarse[name] for fine, coarse in runs] for name in values}
+        lost = np.array([*lost] or [0.0] * (len(runs) + 1))
+        err = {name: 0.0 * lost if name == LENGTH else lost * abs(value)
+               for name, value in values.items()}
+        changes = {name: [_widened(fine[name] - coarse[name], more)
+                          for (fine, coarse), more in zip(runs, err[name][1:])] for name in values}
         orders = dict.fromkeys(HELD, most) | {
             WORK: over, SLIP: sharp_ends.order_of_way(self.touch, over)}
         parts = {name: self._part(name, changes[name], ratios, value, name in singular,
                                   orders.get(name, np.inf)) for name, value in values.items()}
+        parts = {name: located(part, float(err[name][0])) for name, part in parts.items()}
         if 0 < min((touch.nodes for touch in touches[2:]), default=0) < fewest(self.element):
             parts |= {name: located(part, extrapolate(changes[name][:1], ratios, np.inf, 0.0).error)
                       for name, part in parts.items() if name not in (LENGTH, *self.sizes)}
@@ -270,6 +277,11 @@ def _shape(touches: list[Touch], ratios: list[float]) -> float:
     if len(touches) < 2:
         return 0.0
     return SAFETY * abs(touches[0].whole - touches[1].whole) / (ratios[0] ** 2 - 1)
+
+
+def _widened(change: float, more: float) -> float:
+    """A change whose size may be `more`."""
+    return float(np.copysign(abs(change) + more, change)) if more else change
 
 
 def _grow(changes: list, ratios: list[float]) -> bool:

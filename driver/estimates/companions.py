@@ -9,7 +9,7 @@ from ..march.problem import Problem
 from ..march.step import Step
 from ..options import Settings
 from ..results.record import Record
-from . import caution, jumps, unresolved
+from . import caution, jumps, soundness, unresolved
 from .between_steps import finer, misses
 from .budget import (OF_TIME, Part, advice, coarser, extrapolate, formal_order, mesh_knob, name_of,
                      located, of_one_step, ratio, summed)
@@ -211,7 +211,9 @@ class Companions:
                               "finer mesh, or more: on so coarse a mesh it is another problem")
         touches = [self.caution.touch, *(self.level(mesh, each).touch for mesh, each, _ in zip(
             self.meshes[1:], (1, stride), good))]
-        parts = self.caution.parts(self.values, good, self.ratios, self.singular, touches)
+        lost = [soundness.lost(self.levels.problem(**mesh))
+                for mesh in self.meshes[:len(good) + 1]]
+        parts = self.caution.parts(self.values, good, self.ratios, self.singular, touches, lost)
         if good:
             parts["displacement"] = self._exceeded(parts["displacement"], touches, stride)
         parts = unresolved.claimable(parts, self.values, self.caution.touch.nodes > 0)
