@@ -39,8 +39,8 @@ not told    two meshes, differences that turn, hardly fall (caution.py), or fall
 
 Peaks err below one node, where smoothed stresses are of lower order than the pressure: they have a
 limit from above alone, PEAK times gross; slip adds up over steps, of which the adjoint problem
-knows the last: meshes speak, up to the bound, and alone where slip turned or contact was unloaded
-since, as what was made under more load errs by more.
+knows the last: meshes speak, up to the bound. Where slip turned, or contact was unloaded since, all
+that the last state has of it errs by what earlier ones did: no claim is limited from above.
 """
 
 from dataclasses import dataclass
@@ -292,8 +292,7 @@ def assess(problem, record, step, values, body) -> tuple[dict[str, Sizes], dict]
         return {}, {"reason": reason}
     before = problem.operator.products
     adjoint = Adjoint(problem, record, step, body())
-    made_now = record.made_under_load(step.index - 1)
-    sizes = adjoint.sizes([name for name in values if name != "slip" or made_now])
+    sizes = adjoint.sizes(values)
     sizes = {name: own for name, own in sizes.items() if own.gross > BALANCED * abs(values[name])}
     return sizes, {"quantities": list(sizes), "products": problem.operator.products - before,
                    "smoothed": adjoint.smoothed}

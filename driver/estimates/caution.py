@@ -256,7 +256,8 @@ class Caution:
     def _held(self, name: str, part: Part, changes: list, ratios: list, told: bool) -> Part:
         """The part within what adjoint problems leave; `told`: whether meshes tell an order."""
         part = self._doubted(part, told)
-        slack = np.inf if self.chords else self.stiff  # for what smoothed stresses do not see
+        unseen = self.chords or self.touch.earlier
+        slack = np.inf if unseen else self.stiff  # for what smoothed stresses do not see
         told |= name not in HELD
         part = held(name, part, self.sizes.get(name), slack, told)
         if part.error is not None and not told and _grow(changes, ratios):

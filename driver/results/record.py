@@ -8,8 +8,8 @@ from ..march.quasistatic import QuasistaticSolver
 from ..march.step import Step
 from . import dissipation
 from .contact_state import WEAR, ContactState, less_wear
-from .quantities import (REPEATS, chains, farthest_node, largest_pressure, made_under_load,
-                         peak_nodes, quantities, singular_places)
+from .quantities import (REPEATS, chains, farthest_node, largest_pressure, peak_nodes, quantities,
+                         singular_places)
 from .shares import label_shares
 from .touch import Touch, of_arrivals
 
@@ -116,10 +116,6 @@ class Record:
     def farthest_node(self, index: int) -> int:
         """Node that has slid farthest in contact until a step."""
         return farthest_node(self._columns()[1], index)
-
-    def made_under_load(self, index: int) -> bool:
-        """Whether the largest slip was made one way, under what contact carries in a step."""
-        return made_under_load(*self._columns(), index)
 
     def touch(self, index: int) -> Touch:
         """How the nodes touch in a step; without contact they do not."""

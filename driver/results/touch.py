@@ -6,7 +6,7 @@ import numpy as np
 
 from ..contact.states import OPEN, SLIP
 from .quantities import (EDGE, beyond_ends, carried, chains, doubt_of_ends, farthest_node, is_ring,
-                         longest_ways, moves)
+                         longest_ways, made_under_load, moves)
 
 FEW = 6  # nodes in contact, among which the next may differ by all of a quantity's error
 FALLS = 0.6  # pressure at an end of the boundary over the next: below it contact may end before
@@ -39,6 +39,7 @@ class Touch:
     doubt: float = 0.0  # by how much other nodes would locate its ends elsewhere
     whole: float = 0.0  # length of all contact boundaries, from node to node
     cornered: bool = False  # a few nodes press, at ends of boundaries that go on nowhere
+    earlier: bool = False  # slip was made in other states than that at the end of the step
     way_at_end: bool = False  # what has slid farthest is next to an end, none of a symmetry
 
     @classmethod
@@ -68,6 +69,7 @@ class Touch:
                    sum(doubt_of_ends(nodes, piece, steps, index) for piece in lines),
                    sum(float(np.diff(nodes["arc"][piece]).sum() + beyond_ends(nodes, piece).sum())
                        for piece in lines), _cornered(nodes, pieces, pressing),
+                   not made_under_load(nodes, steps, index),
                    bool(sliding_at_all and _next_to_end(nodes, pieces,
                                                         farthest_node(steps, index))))
 
@@ -129,7 +131,8 @@ def _lone(nodes: dict, force: np.ndarray) -> float:
 def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
     """What nodes leave open of the contact length and of slip at step `index`, whatever meshes say.
 
-    Beside a clamped node contact may be lost between it and a closed one, over half of the edge.
+    Beside a clamped node contact may be lost between it and a closed one, over half of the edge, or
+    over all of it where the line through the last two pressures is below zero at its end.
     Where contact ends between two nodes the place is known to a part of the edge, and where
     pressure falls steeply towards an end of the boundary contact may end before it, by as much as
     `_before_ends` says where it would be zero there but for the end node. The largest slip may be
@@ -150,7 +153,7 @@ def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
             pressure = -steps["sigma_n"][index][piece]
             edges += _ends(nodes, piece, closed[piece])
             if not is_ring(nodes, piece):
-                clamped += float(beyond_ends(nodes, piece) @ closed[piece[[0, -1]]]) / 2
+                clamped += _to_clamped(nodes, piece, closed[piece], pressure)
                 early += _before_ends(nodes, piece, closed[piece], pressure)
                 falls += _falls(nodes, piece, closed[piece], pressure)
         near = piece[(np.abs(piece - top) <= 1) & touching[:, piece].any(axis=0)]
@@ -270,6 +273,17 @@ def _before_ends(nodes: dict, piece: np.ndarray, closed: np.ndarray,
                 p * side < (q - p) * last or p < pressure[end]):
             early += last - min(last, side * p**2 / (q**2 - p**2))
     return early
+
+
+def _to_clamped(nodes: dict, piece: np.ndarray, closed: np.ndarray, pressure: np.ndarray) -> float:
+    """Length of the edges beyond the ends of a piece, to clamped nodes, over which contact may be
+    lost.
+    """
+    side, lost = np.diff(nodes["arc"][piece])[[0, -1]], 0.0
+    for beyond, edge, end, near in zip(beyond_ends(nodes, piece), side, (0, -1), (1, -2)):
+        vanishes = (pressure[near] - pressure[end]) * beyond > pressure[end] * edge
+        lost += closed[end] * beyond * (1.0 if vanishes else 0.5)
+    return float(lost)
 
 
 def _sides(nodes: dict, piece: np.ndarray, closed: np.ndarray) -> float:

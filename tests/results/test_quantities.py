@@ -129,6 +129,16 @@ def test_edges_to_clamped_nodes_count_where_their_end_touches():
         assert found == pytest.approx(max(lost, ends))
 
 
+@pytest.mark.parametrize("end, part", [(0.5, 0.5), (0.3, 1.0)])
+def test_contact_may_be_lost_on_all_of_an_edge_to_a_clamped_node_if_pressure_vanishes_there(end,
+                                                                                           part):
+    """Of 0.8, as pressure falls to the end of it on the line through the last two; else on half."""
+    x = np.arange(5.0)
+    nodes, steps = line(x, x >= 0, np.array([1.0, 1, 1, 1, end]), 0 * x)
+    nodes["weight"][-1] += 0.4
+    assert touch.between_nodes(nodes, steps, 0)["contact_length"] == pytest.approx(0.8 * part)
+
+
 def test_pressure_that_pulls_at_an_end_is_none():
     """Bilateral contact: contact may end anywhere in the last edge, and no farther."""
     x = np.arange(5.0)

@@ -185,9 +185,10 @@ def test_forces_of_a_boundary_follow_its_normals_where_they_change():
 
 @pytest.mark.parametrize("slip, force, made", [
     ([1.0, 2.0, 0.5], [1.0, 2.0, 3.0], True), ([1.0, 2.0, 0.0], [1.0, 3.0, 1.0], False),
-    ([1.0, 2.0, -0.5], [1.0, 2.0, 3.0], False), ([1.0, 2.0, -0.1], [3.0, 3.0, 2.9], True)])
+    ([1.0, 2.0, -0.5], [1.0, 2.0, 3.0], False), ([1.0, 2.0, -0.1], [3.0, 3.0, 2.9], True),
+    ([0.0, 0.0, 0.0], [1.0, 3.0, 1.0], True)])
 def test_slip_is_that_of_the_last_state_unless_it_turned_or_contact_was_unloaded(slip, force, made):
-    """But for little, as where friction takes a part of a load that stays."""
+    """But for little, as where friction takes a part of a load that stays; so is none."""
     nodes = {"weight": np.full(2, 0.5)}
     steps = {"status": np.full((3, 2), SLIP), "slip": np.column_stack([slip, np.zeros(3)]),
              "sigma_n": -np.column_stack([force, force])}
