@@ -362,16 +362,16 @@ def test_meshes_that_lose_parts_of_loads_may_agree_by_chance():
         assert found["contact_length"].error == plain["contact_length"].error
 
 
-@pytest.mark.parametrize("values", [[1.0, 1.1], [1.0, 1.02, 1.06]])
+@pytest.mark.parametrize("values", [[1.0, 1.02], [1.0, 1.02, 1.06]])
 def test_adjoint_problems_of_the_last_state_limit_no_error_of_earlier_ones(values):
     """Where slip turned or contact was unloaded since: told or not, they hold from below alone."""
     names = ("displacement", "tangential_resultant", "slip")
     values = {name: values for name in names} | {"normal_resultant": [9.0] * len(values)}
-    small = dict.fromkeys(names, Sizes(1e-5, 2e-5, 3e-5))
+    small = dict.fromkeys(names, Sizes(1e-4, 2e-3, 1e-3))
     last, earlier = (of(values, sizes=small, touch=Touch(earlier=before, open={}))
                      for before in (False, True))
     for name in names:
-        assert last[name].error < 2e-4 and earlier[name].error >= 0.02
+        assert last[name].error < 0.005 and earlier[name].error >= 0.02
     large = dict.fromkeys(names, Sizes(2.0, 3.0, 1.0))
     assert of(values, sizes=large, touch=Touch(earlier=True, open={}))["slip"].error >= 3.0
 
