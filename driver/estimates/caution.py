@@ -16,7 +16,10 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
   tolerances, as balance gives it;
 - where pressure grows from mesh to mesh at an end of contact: the order of integrals and of slip is
   at most what such stresses leave (sharp_ends.py), however fast coarse meshes seem to converge, of
-  slip that is largest there half of it, with the safety of what nothing else holds;
+  slip that is largest there half of it; that and the work of friction with the safety of what
+  nothing else holds. Meshes that show an order ABOUT as high may tell it or not: more is claimed;
+- where slip turned or contact was unloaded since: adjoint problems of the last state do not see the
+  errors of earlier ones, so that they hold errors from below alone;
 - for order three, where quadratic elements have straight sides on a round boundary, of contact or
   not: a polygon is of second order, and adjoint problems, which smooth stresses, do not see it, so
   that they hold errors from below alone;
