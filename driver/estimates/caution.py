@@ -19,7 +19,7 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
   slip that is largest there half of it; that and the work of friction with the safety of what
   nothing else holds. Meshes that show an order ABOUT as high may tell it or not: more is claimed;
 - where slip turned or contact was unloaded since: adjoint problems of the last state do not see the
-  errors of earlier ones, so that they hold errors from below alone;
+  errors of earlier ones, so that they hold what slip is LEFT in from below alone;
 - for order three, where quadratic elements have straight sides on a round boundary, of contact or
   not: a polygon is of second order, and adjoint problems, which smooth stresses, do not see it, so
   that they hold errors from below alone;
@@ -63,6 +63,7 @@ SHEAR_FORCE, WORK, WAY = "tangential_resultant", "dissipated_energy", "displacem
 # integrals, which adjoint problems hold where there are any; others hang on places between nodes
 HELD = ("normal_resultant", SHEAR_FORCE, WAY)
 SLIP = "slip"
+LEFT = (SHEAR_FORCE, WAY, SLIP)  # what earlier slip stays in; pressures hardly depend on it
 # of the geometric mean of two estimates, each off by a factor; what meshes and nodes say of the
 # contact length: 87 of 88 claims of shipped scenes and of awkward meshes hold, down to 1.5
 BETWEEN = 1.75
@@ -259,7 +260,7 @@ class Caution:
     def _held(self, name: str, part: Part, changes: list, ratios: list, told: bool) -> Part:
         """The part within what adjoint problems leave; `told`: whether meshes tell an order."""
         part = self._doubted(part, told)
-        unseen = self.chords or self.touch.earlier
+        unseen = self.chords or self.touch.earlier and name in LEFT
         slack = np.inf if unseen else self.stiff  # for what smoothed stresses do not see
         told |= name not in HELD
         part = held(name, part, self.sizes.get(name), slack, told)

@@ -15,9 +15,9 @@ import numpy as np
 
 from .budget import extrapolate
 
+ROUNDING = 1e-9  # relative change of a largest displacement that a support prescribes
 # by how much others may exceed it, relative: bulges beside a support; 2.1 found, and 3.9 of a pad
 # of rubber in shear
-UNSEEN = 2.5e-2
 UNSEEN = 2.5e-2
 SAME = 0.5  # part of a peak of displacements that the same one on a coarser mesh has at least
 X, Y, SIZE, SIDE = range(4)
