@@ -33,8 +33,8 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
   may be chance, and no less is claimed than by the two other meshes alone;
 - where resultants and displacements change more and more from mesh to mesh, as where contact opens
   elsewhere on each: not less than a mean of what the adjoint problem says and of the last change;
-- for loads that jump inside edges, which quadrature sees in part (soundness.py): meshes may differ
-  by as much more as those of the coarser one err, and no less is claimed than the run's own do;
+- for loads that jump inside edges, which quadrature sees in part (soundness.py): by as much more as
+  those of the run's mesh, or of the next one, may err;
 - for displacements where a node or two of a round boundary carry all: their force acts where a
   node is, on all meshes that have it, and not where the boundaries would meet.
 
@@ -134,16 +134,14 @@ class Caution:
         """
         most, over = (self.order(touches, ratios, of)
                       for of in (sharp_ends.order, sharp_ends.order_of_history))
-        lost = np.array([*lost] or [0.0] * (len(runs) + 1))
-        err = {name: 0.0 * lost if name == LENGTH else lost * abs(value)
-               for name, value in values.items()}
-        changes = {name: [_widened(fine[name] - coarse[name], more)
-                          for (fine, coarse), more in zip(runs, err[name][1:])] for name in values}
+        changes = {name: [fine[name] - coarse[name] for fine, coarse in runs] for name in values}
         orders = dict.fromkeys(HELD, most) | {
             WORK: over, SLIP: sharp_ends.order_of_way(self.touch, over)}
         parts = {name: self._part(name, changes[name], ratios, value, name in singular,
                                   orders.get(name, np.inf)) for name, value in values.items()}
-        parts = {name: located(part, float(err[name][0])) for name, part in parts.items()}
+        more = max(lost[:2], default=0.0)
+        parts |= {name: _enlarged(part, more * abs(values[name]))
+                  for name, part in parts.items() if name != LENGTH}
         if 0 < min((touch.nodes for touch in touches[2:]), default=0) < fewest(self.element):
             parts |= {name: located(part, extrapolate(changes[name][:1], ratios, np.inf, 0.0).error)
                       for name, part in parts.items() if name not in (LENGTH, *self.sizes)}
@@ -284,9 +282,10 @@ def _shape(touches: list[Touch], ratios: list[float]) -> float:
     return SAFETY * abs(touches[0].whole - touches[1].whole) / (ratios[0] ** 2 - 1)
 
 
-def _widened(change: float, more: float) -> float:
-    """A change whose size may be `more`."""
-    return float(np.copysign(abs(change) + more, change)) if more else change
+def _enlarged(part: Part, more: float) -> Part:
+    """A part, known or not, by `more` larger."""
+    error = None if part.error is None else part.error + more
+    return Part(error, part.order, part.note, part.rate)
 
 
 def _grow(changes: list, ratios: list[float]) -> bool:
