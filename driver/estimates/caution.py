@@ -16,7 +16,10 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
   tolerances, as balance gives it;
 - where pressure grows from mesh to mesh at an end of contact: the order of integrals and of slip is
   at most what such stresses leave (sharp_ends.py), however fast coarse meshes seem to converge, of
-  slip that is largest there half of it, with the safety of what nothing else holds;
+  slip that is largest there half of it; that and the work of friction with the safety of what
+  nothing else holds. Meshes that show an order ABOUT as high may tell it or not: more is claimed;
+- where slip turned or contact was unloaded since: adjoint problems of the last state do not see the
+  errors of earlier ones, so that they hold what slip is LEFT in from below alone;
 - for order three, where quadratic elements have straight sides on a round boundary, of contact or
   not: a polygon is of second order, and adjoint problems, which smooth stresses, do not see it, so
   that they hold errors from below alone;
@@ -30,6 +33,8 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
   may be chance, and no less is claimed than by the two other meshes alone;
 - where resultants and displacements change more and more from mesh to mesh, as where contact opens
   elsewhere on each: not less than a mean of what the adjoint problem says and of the last change;
+- for loads that jump inside edges, which quadrature sees in part (soundness.py): by as much more as
+  those of the run's mesh, or of the next one, may err;
 - for displacements where a node or two of a round boundary carry all: their force acts where a
   node is, on all meshes that have it, and not where the boundaries would meet.
 
@@ -58,7 +63,7 @@ SHEAR_FORCE, WORK, WAY = "tangential_resultant", "dissipated_energy", "displacem
 # integrals, which adjoint problems hold where there are any; others hang on places between nodes
 HELD = ("normal_resultant", SHEAR_FORCE, WAY)
 SLIP = "slip"
-SHARP = (*HELD, WORK, SLIP)  # approached no faster than sharp ends leave
+LEFT = (SHEAR_FORCE, WAY, SLIP)  # what earlier slip stays in; pressures hardly depend on it
 # of the geometric mean of two estimates, each off by a factor; what meshes and nodes say of the
 # contact length: 87 of 88 claims of shipped scenes and of awkward meshes hold, down to 1.5
 BETWEEN = 1.75
@@ -76,6 +81,7 @@ GRAZES = "the mesh is too coarse: it may touch"
 # half of what the strongest stresses of one material leave: by chance rather than an order; adjoint
 # problems, which see the stresses themselves, then speak alone
 NO_ORDER = UNSETTLED / 2
+ABOUT = 0.1  # by which the order that sharp ends leave may be another: pressures' growth is noisy
 FAST = 2.0  # their order on two meshes of quadratic elements, or of two cycles
 
 
@@ -106,7 +112,7 @@ class Caution:
     touch: Touch = field(default_factory=Touch)
     sizes: dict = field(default_factory=dict)  # of adjoint problems, by quantity
     length: float = np.inf  # of the largest body
-    order: float = np.inf  # that tips of cracks leave, see sharp_ends.py
+    tips: float = np.inf  # order that tips of cracks leave, see sharp_ends.py
 
     @classmethod
     def of(cls, problem, touch: Touch, sizes: dict, energy: float = 0.0,
@@ -120,18 +126,22 @@ class Caution:
                    sharp_ends.of_tips(problem, touch))
 
     def parts(self, values: dict, runs: list, ratios: list[float], singular,
-              touches: list[Touch] = ()) -> dict[str, Part]:
+              touches: list[Touch] = (), lost: list[float] = ()) -> dict[str, Part]:
         """Part by quantity from pairs of the values of finer and coarser runs, finest first.
 
-        `singular`: quantities at places where they may be infinite; `touches`: contact on the
-        meshes, finest first.
+        `singular`: quantities at places where they may be infinite; on the meshes, finest first,
+        `touches`: contact, and `lost`: parts by which loads may err, none if it is not given.
         """
-        most = np.inf if self.adapted else min(self.order,
-                                               sharp_ends.order(list(touches), ratios))
+        most, over = (self.order(touches, ratios, of)
+                      for of in (sharp_ends.order, sharp_ends.order_of_history))
         changes = {name: [fine[name] - coarse[name] for fine, coarse in runs] for name in values}
-        orders = dict.fromkeys(SHARP, most) | {SLIP: sharp_ends.order_of_way(self.touch, most)}
+        orders = dict.fromkeys(HELD, most) | {
+            WORK: over, SLIP: sharp_ends.order_of_way(self.touch, over)}
         parts = {name: self._part(name, changes[name], ratios, value, name in singular,
                                   orders.get(name, np.inf)) for name, value in values.items()}
+        more = max(lost[:2], default=0.0)
+        parts |= {name: _enlarged(part, more * abs(values[name]))
+                  for name, part in parts.items() if name != LENGTH}
         if 0 < min((touch.nodes for touch in touches[2:]), default=0) < fewest(self.element):
             parts |= {name: located(part, extrapolate(changes[name][:1], ratios, np.inf, 0.0).error)
                       for name, part in parts.items() if name not in (LENGTH, *self.sizes)}
@@ -152,6 +162,10 @@ class Caution:
         if WORK in values and _unsure(values, parts):
             parts[WORK] = located(parts[WORK], abs(values[WORK]))
         return parts
+
+    def order(self, touches: list[Touch], ratios: list[float], of=sharp_ends.order) -> float:
+        """Order that ends of contact and tips of cracks leave functionals at most."""
+        return np.inf if self.adapted else min(self.tips, of(list(touches), ratios))
 
     def _grazes(self, parts: dict, coarser: list[dict]) -> bool:
         """Whether nothing touches, and something may."""
@@ -227,21 +241,30 @@ class Caution:
     def _part(self, name: str, changes: list, ratios: list, value: float, singular: bool,
               most: float) -> Part:
         caution = CAUTION[name] if self.sizes or name not in HELD else SAFETY
-        if name == SLIP and self.touch.way_at_end and np.isfinite(most):
+        estimated = np.isfinite(most)
+        if estimated and (name == WORK or name == SLIP and self.touch.way_at_end):
             caution = SAFETY  # nodes beside a sharp end differ by far less than it errs
         fast = (self.element != "P1" or self.adapted) and name in HELD and self.sizes
         formal = formal_order("mesh", self.element, name, self.chords, most)
         part = extrapolate(changes, ratios, formal, value, name not in UNBOUNDED, singular,
                            caution, FAST if fast else 1.0)
         slowest = NO_ORDER if self.sizes and name in HELD else 0.0
-        told = self._told(part, changes, formal, slowest)
+        told = {self._told(part, changes, formal + above, slowest)
+                for above in (0.0, ABOUT * estimated)}
+        found = [self._held(name, part, changes, ratios, each) for each in told]
+        part = max(found, key=lambda part: part.error or 0.0)
+        return located(part, (self.touch.open or {}).get(name, 0.0))
+
+    def _held(self, name: str, part: Part, changes: list, ratios: list, told: bool) -> Part:
+        """The part within what adjoint problems leave; `told`: whether meshes tell an order."""
         part = self._doubted(part, told)
-        slack = np.inf if self.chords else self.stiff  # for what smoothed stresses do not see
+        unseen = self.chords or self.touch.earlier and name in LEFT
+        slack = np.inf if unseen else self.stiff  # for what smoothed stresses do not see
         told |= name not in HELD
         part = held(name, part, self.sizes.get(name), slack, told)
         if part.error is not None and not told and _grow(changes, ratios):
             part = located(part, BETWEEN * float(np.sqrt(part.error * abs(changes[0]))))
-        return located(part, (self.touch.open or {}).get(name, 0.0))
+        return part
 
     @staticmethod
     def _told(part: Part, changes: list, formal: float, slowest: float = 0.0) -> bool:
@@ -257,6 +280,12 @@ def _shape(touches: list[Touch], ratios: list[float]) -> float:
     if len(touches) < 2:
         return 0.0
     return SAFETY * abs(touches[0].whole - touches[1].whole) / (ratios[0] ** 2 - 1)
+
+
+def _enlarged(part: Part, more: float) -> Part:
+    """A part, known or not, by `more` larger."""
+    error = None if part.error is None else part.error + more
+    return Part(error, part.order, part.note, part.rate)
 
 
 def _grow(changes: list, ratios: list[float]) -> bool:

@@ -3,19 +3,17 @@ its error that follow from them (budget.py).
 """
 
 import dataclasses
-import functools
-import itertools
 
 from ..errors import DriverError
 from ..march.problem import Problem
 from ..march.step import Step
 from ..options import Settings
 from ..results.record import Record
-from . import caution, jumps, unresolved
+from . import caution, jumps, soundness, unresolved
 from .between_steps import finer, misses
 from .budget import (OF_TIME, Part, advice, coarser, extrapolate, formal_order, mesh_knob, name_of,
                      located, of_one_step, ratio, summed)
-from .free_peak import free_peak
+from .free_peak import ROUNDING, UNSEEN, Peaks, exceeding
 from .levels import Level, Levels, samples
 from .polygons import stand_for_curves
 
@@ -25,9 +23,6 @@ FEW = 4  # steps below which coarser times tell nothing
 MANY = 20  # steps of which the first one matters little, where coarser times share it
 FINER = 4  # times as many steps then, also where steps miss what a history does
 ENOUGH = 64  # steps of a companion up to which there may be more, so that it misses nothing
-ROUNDING = 1e-9  # relative change of a largest displacement that a support prescribes
-UNSEEN = 2.5e-2  # by how much others may exceed it, relative: bulges beside a support; 1.6 found
-SAME = 0.5  # part of a peak of displacements that the same one on a coarser mesh has at least
 OF_MESHES, OF_STEPS, OF_JUMPS = "coarser meshes", "time steps", "jumps over cycles"
 OF_TOLERANCES, OF_PRICES = "tolerances", "price of the next digit"
 UNTRIED = "no run with more steps to compare with"
@@ -216,41 +211,40 @@ class Companions:
                               "finer mesh, or more: on so coarse a mesh it is another problem")
         touches = [self.caution.touch, *(self.level(mesh, each).touch for mesh, each, _ in zip(
             self.meshes[1:], (1, stride), good))]
-        parts = self.caution.parts(self.values, good, self.ratios, self.singular, touches)
-        if good and self.step is not None:
-            parts["displacement"] = located(parts["displacement"],
-                                            self._exceeding(len(good), stride))
-        value, part = self.values["displacement"], parts["displacement"]
-        unseen = part.error is not None and part.error <= ROUNDING * value
-        if unseen and self.meshes[0] != self.base:
-            # that of a support: no mesh tells when a place between the supports moves by more
-            parts["displacement"] = Part(UNSEEN * value)
+        lost = [soundness.lost(self.levels.problem(**mesh))
+                for mesh in self.meshes[:len(good) + 1]]
+        parts = self.caution.parts(self.values, good, self.ratios, self.singular, touches, lost)
+        if good:
+            parts["displacement"] = self._exceeded(parts["displacement"], touches, stride)
         parts = unresolved.claimable(parts, self.values, self.caution.touch.nodes > 0)
         return unresolved.known(parts, self.unresolved, self.values, self.caution.touch)
 
-    def _exceeding(self, pairs: int, stride: int) -> float:
-        """By how much a free peak may exceed the largest displacement, from `pairs` of meshes; zero
-        where that is one itself on all of them.
+    def _exceeded(self, part: Part, touches: list, stride: int) -> Part:
+        """The `part` of the largest displacement, beside what places that are not it, or not yet,
+        may have on finer meshes; `touches` as of Caution.parts.
         """
-        @functools.cache
-        def largest(k: int, stride: int) -> tuple[float, float]:
-            level = self.level(self.meshes[k], stride)
-            peak = free_peak(level.solver.operator, level.steps[level.at])
-            return level.values["displacement"], peak
+        value, unseen = self.values["displacement"], False
+        if self.step is not None:
+            peaks = self._peaks(len(touches) - 1, stride)
+            most = self.caution.order(touches, self.ratios)
+            formal = formal_order("mesh", self.manifest.element, "displacement", most=most)
+            part = located(part, exceeding(peaks, self.ratios, formal))
+            unseen = any(each.by_support for pair in peaks for each in pair)
+        if unseen or part.error is not None and part.error <= ROUNDING * value:
+            # that of a support: no mesh tells when a place between the supports moves by more
+            part = located(part, UNSEEN * value)
+        return part
 
-        value, strides = self.values["displacement"], (1, stride)[:pairs]
-        own = free_peak(self.operator, self.step)
-        finer = [(value, own), *(largest(k, each) for k, each in enumerate(strides) if k)]
-        coarser = [largest(k, each) for k, each in enumerate(strides, 1)]
-        if all(peak >= (1 - ROUNDING) * most for most, peak in finer + coarser):
-            return 0.0
-        same = list(itertools.takewhile(lambda pair: min(pair) > SAME * own, (
-            (fine, coarse) for (_, fine), (_, coarse) in zip(finer, coarser))))
-        if not same:  # no mesh but this one has such a peak
-            return 0.0
-        formal = self._order("mesh", "displacement")
-        part = extrapolate([a - b for a, b in same], self.ratios, formal, own, True)
-        return max(own + part.error - value, 0.0)
+    def _peaks(self, pairs: int, stride: int) -> list[tuple[Peaks, Peaks]]:
+        """Of the first `pairs` of finer and coarser meshes, finest first."""
+        def of(k: int, stride: int) -> Peaks:
+            level = self.level(self.meshes[k], stride)
+            return Peaks.of(level.solver.operator, level.steps[level.at],
+                            level.values["displacement"])
+
+        own = Peaks.of(self.operator, self.step, self.values["displacement"])
+        first = of(1, 1)
+        return [(own, first), *((of(1, stride), of(2, stride)) for _ in range(pairs - 1))]
 
     def _stiff(self) -> list[str]:
         """A note where linear triangles are, by far, too stiff: a finer mesh moves by much more."""

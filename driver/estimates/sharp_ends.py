@@ -19,6 +19,10 @@ Slip is no integral. Where it is largest next to such an end it is a displacemen
 size h which the mesh does not resolve, and there displacements are of the order h^(1 - a): half of
 what functionals have, as the adjoint problem of a single place gains nothing at that place.
 
+Slip and the work of friction add up over a history. Ends that are sharp under load may be blunt at
+its end, where contact is unloaded, with the errors of then: for both the step counts, too, in which
+contact carries most.
+
 Adaptive meshes are graded towards such places, which restores the order.
 """
 
@@ -32,24 +36,33 @@ LEAST, MOST = 0.1, 0.9  # exponents: pressures that approach a limit may grow as
 TIP = 1.0  # order that the tip of a crack leaves
 
 
-def growth(fine: Touch, coarse: Touch, ratio: float) -> float:
+def growth(fine: np.ndarray, coarse: np.ndarray, ratio: float) -> float:
     """Largest exponent by which pressure at an end grows from a mesh to that `ratio` times finer.
+
+    `fine`, `coarse`: ends (k, 3) as of Touch.
     """
     found = [0.0]
-    for x, y, pressure in fine.ends if len(coarse.ends) else ():
-        near = np.hypot(coarse.ends[:, 0] - x, coarse.ends[:, 1] - y).argmin()
-        before = coarse.ends[near, 2]
+    for x, y, pressure in fine if len(coarse) else ():
+        near = np.hypot(coarse[:, 0] - x, coarse[:, 1] - y).argmin()
+        before = coarse[near, 2]
         if min(pressure, before) > PRESSES:
             found.append(np.log(pressure / before) / np.log(ratio))
     return float(min(max(found), MOST))
 
 
 def order(touches: list[Touch], ratios: list[float]) -> float:
-    """Order that functionals have at most, from contact on meshes, finest first; inf if unknown.
+    """Order that functionals have at most, from contact on meshes, finest first; inf if unknown."""
+    return _order([touch.ends for touch in touches], ratios)
 
-    Growth counts that goes on from mesh to mesh: once it may be contact that moves.
-    """
-    exponents = [growth(fine, coarse, r) for fine, coarse, r in zip(touches, touches[1:], ratios)]
+
+def order_of_history(touches: list[Touch], ratios: list[float]) -> float:
+    """The same of what adds up over a history."""
+    return min(order(touches, ratios), _order([touch.loaded for touch in touches], ratios))
+
+
+def _order(ends: list[np.ndarray], ratios: list[float]) -> float:
+    """Growth counts that goes on from mesh to mesh: once it may be contact that moves."""
+    exponents = [growth(fine, coarse, r) for fine, coarse, r in zip(ends, ends[1:], ratios)]
     least = min(exponents, default=0.0)
     return 2 * (1 - least) if least > LEAST else np.inf
 

@@ -30,6 +30,8 @@ TIMES = 3.0
 NOTICEABLE = 0.1
 MIXED = "P2-mixed"  # the element that does not lock
 UNSEEN = 1e-3  # part of a load by which quadrature may change it without a word
+# of what it changes: the error of a resultant whose load jumps somewhere in an edge, 90 of 100
+SOME_TIMES = 3.0
 FAR = 1e3  # body lengths from the origin: three digits
 
 
@@ -45,7 +47,20 @@ def unseen_loads(problem) -> list[str]:
     Five points an edge would find other nodal forces than three: the sizes of the differences, over
     those of the forces, tell that edges miss or double some of the load, and its order of size.
     """
-    subs, lines = problem.structure.subdomains, []
+    return [f"load{number} jumps inside an edge, or is too steep for the mesh: three or five "
+            f"points an edge differ by {100 * part:.1g} % of its forces, and its resultant errs by "
+            "as much or some times that; let it end where a label ends, or take a finer mesh there"
+            for number, part in _unseen(problem)]
+
+
+def lost(problem) -> float:
+    """Part by which a load may err, as its edges miss or double some of it; collective."""
+    return SOME_TIMES * max((part for _, part in _unseen(problem)), default=0.0)
+
+
+def _unseen(problem) -> list[tuple[int, float]]:
+    """Numbers of the loads that quadrature changes, and by what part of their forces."""
+    subs, found = problem.structure.subdomains, []
     for k, pattern in enumerate(problem.manifest.patterns):
         if pattern["given_on"] != "edges":
             continue
@@ -53,12 +68,8 @@ def unseen_loads(problem) -> list[str]:
         everywhere = problem.operator.comm.allgather(parts)
         unseen, force = np.sum([part for parts in everywhere for part in parts], axis=0)
         if unseen > UNSEEN * force:
-            lines.append(
-                f"load{pattern['amplitude']} jumps inside an edge, or is too steep for the mesh: "
-                f"three or five points an edge differ by {100 * unseen / force:.1g} % of its "
-                "forces, and its resultant errs by as much or some times that; let it end where "
-                "a label ends, or take a finer mesh there")
-    return lines
+            found.append((pattern["amplitude"], unseen / force))
+    return found
 
 
 def locking(problem, step) -> list[str]:

@@ -8,7 +8,8 @@ between nodes as those of the whole scene, see quantities.py.
 import numpy as np
 
 from ..contact.states import OPEN, SLIP, ContactField
-from .quantities import NODES, chains, contact_lengths, largest_pressure, longest_ways
+from .contact_edges import NODES, chains, contact_lengths
+from .quantities import largest_pressure, longest_ways
 from .tables import BOUNDARIES
 
 WORK = "work"  # of friction, beside the names of ContactField

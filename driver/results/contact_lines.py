@@ -9,7 +9,7 @@ from ..contact.states import ContactField
 from ..feti.structure import Substructure
 from ..files import renamed
 from .contact_state import WEAR, less_wear
-from .quantities import chains
+from .contact_edges import chains
 from .tables import contact_file
 
 

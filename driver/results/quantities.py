@@ -5,7 +5,7 @@
     normal_resultant      contact pressure summed over the contact boundary
     tangential_resultant  shear traction sigma_t summed over the contact boundary, with its sign;
                           of several boundaries the magnitudes of both are added, see `resultant`
-    contact_length        length in contact, its edges located between nodes
+    contact_length        length in contact, its ends located between nodes (contact_edges.py)
     slip                  longest way that a point of the boundary has slid in contact since time 0
     dissipated_energy     work that friction has taken since time 0 (dissipation.py)
     worn_volume           what wear has taken away since time 0, where it is declared
@@ -16,26 +16,17 @@ and energies are per thickness. All but slip, energy and worn volume belong to o
 of the load history; where contact carries nothing then, to the step at which it carries most, and
 where it never does, or there is none, and the body is not deformed then, to that of the largest
 displacement.
-
-Counting nodes tells a length by the mesh size only. Near an edge of contact the opening grows like
-r^(3/2) (Johnson, Contact Mechanics, 4.2 and 5.1), so that its power 2/3 is linear in the arc and
-locates the edge; the node next to it, whose opening errs most, is left out if there are others.
 """
 
 import numpy as np
 
 from ..contact.states import OPEN, SLIP
+from .contact_edges import beyond_ends, chains, contact_length, edges_of_contact, is_ring
 
 END = 2  # nodes that count as the end of a boundary
-# of a chord: what the boundary between contact nodes is longer, where one in between has none; on
-# smooth boundaries L^2/24 R^2 of it, in corners more
-BEND = 1e-2
-# columns of a ContactBoundary that places between nodes follow from
-NODES = ("xy", "arc", "chain", "weight", "length", "gap", "paired", "middle", "mirrored")
-NEXT = 3  # open nodes that locate an end of contact, the first of them once and once not
-EDGE = 0.3  # of an edge in which contact ends: what is open of the place
 NEARLY = 0.5  # part of the largest pressure that may exceed it on a finer mesh
 REPEATS = "repeats"  # column of steps: how often each is gone through, if not once
+AS_NOW = 0.9  # part of a history's slip, and of its largest force, that is one with all of it
 NOTHING = 1e-5  # part of the largest resultant of the history that tolerances leave
 
 
@@ -55,8 +46,8 @@ def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[st
     pressure, weight, pieces = -steps["sigma_n"], nodes["weight"], chains(nodes)
     shares = nodes.get("shares", np.ones((1, len(weight))))
     normal = resultant(shares, pressure, weight)
-    carried = np.abs(pressure) @ weight  # bilateral contact may push and pull alike
-    index = _moment(carried if carried.any() else displacement)
+    forces = carried(nodes, steps)
+    index = _moment(forces if forces.any() else displacement)
     values = {"peak_pressure": largest_pressure(nodes, pieces, pressure[index]),
               "normal_resultant": normal[index],
               "contact_length": contact_length(nodes, pieces, steps, index),
@@ -84,7 +75,8 @@ def resultant(shares: np.ndarray, tractions: np.ndarray, weight: np.ndarray):
 
 
 def singular_places(nodes: dict, steps: dict, index: int) -> tuple[str, ...]:
-    """Quantities that may be infinite: a largest pressure where contact reaches the boundary's end.
+    """Quantities that may be infinite: a largest pressure where contact reaches the boundary's end,
+    or beside which it ends within a side, as under an edge or a rounding that no node resolves.
 
     `nodes` as above and `mirrored` (n,), where a support lets nodes move along the normal alone, as
     in a plane of symmetry, unless the next node slides: in such a plane shear vanishes, and where
@@ -97,11 +89,15 @@ def singular_places(nodes: dict, steps: dict, index: int) -> tuple[str, ...]:
     pressure, status = np.abs(steps["sigma_n"][index]), steps["status"][index]
     rubs = (status == SLIP) & (steps["sigma_t"][index] != 0)
     largest, at_end = pressure.max(initial=0.0), 0.0
-    near = END * (2 if nodes["middle"].any() else 1)
+    side = 2 if nodes["middle"].any() else 1
+    near = END * side
     for piece in chains(nodes):
         if is_ring(nodes, piece):
             continue
         p = np.maximum(pressure[piece], traction(nodes, pressure, piece))
+        top = int(p.argmax())
+        if (status[piece][max(top - side, 0):top + side + 1] == OPEN).any():
+            at_end = max(at_end, p[top])
         for end, outer in ((0, slice(near)), (-1, slice(-near, None))):
             mirrored = nodes["mirrored"][piece[end]] and not rubs[piece[outer]].any()
             if status[piece[end]] != OPEN and not mirrored:
@@ -109,56 +105,25 @@ def singular_places(nodes: dict, steps: dict, index: int) -> tuple[str, ...]:
     return ("peak_pressure",) if at_end > NEARLY * largest else ()
 
 
+def carried(nodes: dict, steps: dict) -> np.ndarray:
+    """(steps,) what contact carries, of bilateral contact, which may push and pull alike, sizes."""
+    return np.abs(steps["sigma_n"]) @ nodes["weight"]
+
+
+def made_under_load(nodes: dict, steps: dict, index: int) -> bool:
+    """Whether the largest slip until step `index` was made one way, under what contact carries
+    then: it did not turn, nor did contact carry more before, but for AS_NOW. So is no slip.
+    """
+    node, force = farthest_node(steps, index), carried(nodes, steps)[: index + 1]
+    sliding = steps["status"][: index + 1, node] == SLIP
+    way = np.where(sliding, steps["slip"][: index + 1, node], 0.0)
+    as_now = abs(way.sum()) >= AS_NOW * np.abs(way).sum() and force[-1] >= AS_NOW * force.max()
+    return bool(as_now or not way.any())
+
+
 def _moment(size: np.ndarray) -> int:
     """The last step, or that of the largest `size` (steps,) where nothing is left in the last."""
     return len(size) - 1 if size[-1] > NOTHING * size.max() else int(np.argmax(size))
-
-
-def chains(nodes: dict) -> list[np.ndarray]:
-    """Indices of the contact nodes of every connected boundary piece, in the order of arc."""
-    arc, xy, chain = nodes["arc"], nodes["xy"], nodes["chain"]
-    along, across = np.diff(arc), np.linalg.norm(np.diff(xy, axis=0), axis=1)
-    breaks = (chain[1:] != chain[:-1]) | (np.abs(along - across) > BEND * across)
-    breaks |= across < 1e-9 * across.max(initial=0.0)  # bodies side by side, one label
-    return np.split(np.arange(len(arc)), np.flatnonzero(breaks) + 1)
-
-
-def beyond_ends(nodes: dict, piece: np.ndarray) -> np.ndarray:
-    """(2,) lengths of the edges beyond the ends of a piece, zero at an end of the boundary.
-
-    There is such an edge where a clamped node, which carries no contact condition, follows; the
-    dual segment of the last node then covers half of it, between two bodies all of it. The edge
-    that closes a ring is shared by both ends. Between nodes of quadratic elements it is half an
-    edge: a vertex has a third of it, the middle two thirds of either half. Below zero is what an
-    end between two bodies faces less than its edge: that edge has straight shape functions, and
-    what it faces is what both its nodes have of it.
-    """
-    side = np.diff(nodes["arc"][piece])
-    if not len(side):
-        return np.zeros(2)
-    ends = piece[[0, -1]]
-    weight, near = nodes.get("length", nodes["weight"])[ends], side[[0, -1]]
-    beyond = np.where(nodes["paired"][ends], weight - near / 2, 2 * weight - near)
-    if nodes["middle"].any():
-        beyond = np.where(nodes["paired"][ends], weight - near / 3, 3 * weight - near)
-        beyond = np.where(nodes["middle"][ends], near, beyond)
-    if len(side) > 1:
-        own = nodes.get("length", nodes["weight"])[piece]
-        for k, (end, next_one, far) in enumerate(((0, 1, side[1]), (-1, -2, side[-2]))):
-            if nodes["paired"][ends[k]] and not nodes["middle"][piece[[end, next_one]]].any():
-                rest = far / (3 if nodes["middle"].any() else 2)
-                beyond[k] = own[end] + own[next_one] - rest - near[k]
-    beyond[np.abs(beyond) < 1e-6 * near] = 0.0
-    beyond = np.where(nodes["paired"][ends], beyond, np.maximum(beyond, 0.0))
-    if (beyond > 0).all() and is_ring(nodes, piece):
-        return np.full(2, np.linalg.norm(np.subtract(*nodes["xy"][ends])) / 2)
-    return beyond
-
-
-def is_ring(nodes: dict, piece: np.ndarray) -> bool:
-    """Whether the last node of a piece is the neighbour of its first."""
-    side, closing = np.diff(nodes["arc"][piece]), np.subtract(*nodes["xy"][piece[[0, -1]]])
-    return len(piece) > 2 and float(np.linalg.norm(closing)) < 1.5 * side.max()
 
 
 def largest_pressure(nodes: dict, pieces: list[np.ndarray], pressure: np.ndarray) -> float:
@@ -204,102 +169,6 @@ def peak(arc: np.ndarray, values: np.ndarray) -> float:
     bend = (right - left) / (x[2] - x[0])
     slope = left + bend * -x[0]
     return float(y[1] - slope**2 / (4 * bend)) if bend < 0 else float(y[1])
-
-
-def contact_length(nodes: dict, pieces: list[np.ndarray], steps: dict, index: int) -> float:
-    """Length in contact at step `index`, of all boundaries, see `contact_lengths`."""
-    return float(contact_lengths(nodes, pieces, steps, index).sum())
-
-
-def contact_lengths(nodes: dict, pieces: list[np.ndarray], steps: dict, index: int) -> np.ndarray:
-    """(boundaries,) lengths in contact at step `index`; edges between a closed and an open node
-    count in part.
-
-    A node that touches alone, and has no part of its edges by how they open, counts by its dual
-    segment: what bears a force has a length. An edge belongs to the boundary of both its nodes, of
-    which vertices between two boundaries have `shares` in both.
-    """
-    own = nodes.get("length", nodes["weight"])
-    shares = nodes.get("shares", np.ones((1, len(own))))
-    parts = [part for piece in pieces for part in _lengths_of(nodes, piece, steps, index)]
-    if not parts:
-        return np.zeros(len(shares))
-    one, other, lengths = (np.array(column) for column in zip(*parts))
-    both = shares[:, one] * shares[:, other]
-    both = np.where(both.any(axis=0), both, shares[:, one])
-    return both / both.sum(axis=0) @ lengths
-
-
-def _lengths_of(nodes: dict, piece: np.ndarray, steps: dict,
-                index: int) -> list[tuple[int, int, float]]:
-    """Two nodes, and the length in contact of the edge between them, or of what is one's alone."""
-    own, closed = nodes.get("length", nodes["weight"]), steps["status"][index][piece] != OPEN
-    if len(piece) == 1:
-        return [(piece[0], piece[0], own[piece[0]] * closed[0])]
-    inside = zip(piece[:-1], piece[1:], np.diff(nodes["arc"][piece]) * (closed[1:] & closed[:-1]))
-    beyond = beyond_ends(nodes, piece)
-    whole = closed[[0, -1]] & closed[[1, -2]]  # edges at the ends
-    at_ends = np.where(whole, beyond, np.maximum(beyond, 0.0)) * closed[[0, -1]]
-    parts = edges_of_contact(nodes, piece, steps, index)
-    ends = [(0, -1, beyond[0]), (len(piece) - 1, len(piece), beyond[1])]
-    return [*inside, *zip(piece[[0, -1]], piece[[0, -1]], at_ends),
-            *((piece[i], piece[k], part) for i, k, part in parts),
-            *((piece[k], piece[k], own[piece[k]]) for k in _pointlike(closed, parts + ends))]
-
-
-def _pointlike(closed: np.ndarray, parts: list[tuple[int, int, float]]) -> list[int]:
-    """Places of closed nodes between open ones, or at an end, whose edges have no part in contact.
-
-    `closed` (k,) of a piece, `parts` of its edges from `edges_of_contact`.
-    """
-    beside = np.concatenate([[False], closed, [False]])
-    alone = np.flatnonzero(closed & ~beside[:-2] & ~beside[2:])
-    return [k for k in alone if not sum(part for node, _, part in parts if node == k) > 0]
-
-
-def edges_of_contact(nodes: dict, piece: np.ndarray, steps: dict,
-                     index: int) -> list[tuple[int, int, float]]:
-    """Closed node, open node (places in `piece`), length in contact of edges between such."""
-    x, closed = nodes["arc"][piece], steps["status"][index][piece] != OPEN
-    opening = _opening(nodes, steps, index)[piece]
-    pressure = np.maximum(-steps["sigma_n"][index], 0.0)[piece]
-    edges = []
-    for i in np.flatnonzero(closed[1:] != closed[:-1]):
-        if closed[i]:
-            part = _part(x[i:], opening[i:], pressure[i::-1], x[i::-1], closed[i:])
-            edges.append((i, i + 1, part))
-        else:
-            k = i + 1
-            part = _part(-x[k::-1], opening[k::-1], pressure[k:], -x[k:], closed[k::-1])
-            edges.append((k, i, part))
-    return edges
-
-
-def _opening(nodes: dict, steps: dict, index: int) -> np.ndarray:
-    """(n,) distances of the nodes from what they may touch, zero where they do."""
-    gap = steps["gap"][index] if "gap" in steps else nodes["gap"]  # of the step: obstacles move
-    return np.maximum(gap - steps["u_n"][index], 0.0)
-
-
-def doubt_of_ends(nodes: dict, piece: np.ndarray, steps: dict, index: int) -> float:
-    """By how much the ends of contact on a piece would lie elsewhere, located by other nodes.
-
-    Next to the end the opening is not yet like r^(3/2): the line through the first two open nodes
-    meets zero elsewhere than that through the next two, which locates the end. Where there are not
-    so many the end is somewhere in a part of the edge.
-    """
-    x, closed = nodes["arc"][piece], steps["status"][index][piece] != OPEN
-    power = _opening(nodes, steps, index)[piece] ** (2 / 3)
-    total = 0.0
-    for inner, outer, part in edges_of_contact(nodes, piece, steps, index):
-        way = slice(inner, None) if outer > inner else slice(inner, None, -1)
-        arc, apart, touching = np.abs(x[way] - x[inner]), power[way], closed[way]
-        other = None
-        if len(arc) > NEXT and not touching[1 : NEXT + 1].any():
-            other = _zero(arc[1], arc[2], apart[1], apart[2])
-        side = arc[1]
-        total += EDGE * side if other is None else abs(np.clip(other, -side, 2 * side) - part)
-    return float(total)
 
 
 def moves(steps: dict) -> np.ndarray:
@@ -359,28 +228,3 @@ def farthest_node(steps: dict, index: int) -> int:
     """Node that has slid farthest in contact until step `index`."""
     sliding = steps["status"][: index + 1] == SLIP
     return int(np.where(sliding, moves(steps)[: index + 1], 0.0).sum(axis=0).argmax())
-
-
-def _part(x, opening, pressure, inward, closed) -> float:
-    """Length from the last closed node x[0] to the edge of contact, at most to the open x[1].
-
-    `x` rises; `opening` and `closed` belong to it; `pressure` over `inward` starts at the closed
-    node and goes the other way. With a single open node the pressure, which vanishes like r^(1/2),
-    has to locate the edge.
-    """
-    side, stop = x[1] - x[0], 1
-    while stop < len(x) and not closed[stop]:
-        stop += 1
-    if stop > 2:
-        i, k = (2, 3) if stop > 3 else (1, 2)
-        edge = _zero(x[i], x[k], opening[i] ** (2 / 3), opening[k] ** (2 / 3))
-    elif len(pressure) > 1:
-        edge = _zero(inward[0], inward[1], pressure[0] ** 2, pressure[1] ** 2)
-    else:
-        edge = None
-    return side / 2 if edge is None else float(np.clip(edge - x[0], 0.0, side))
-
-
-def _zero(x0: float, x1: float, y0: float, y1: float) -> float | None:
-    """Where the line through two points vanishes on the side of the first; None if nowhere."""
-    return x0 - y0 * (x1 - x0) / (y1 - y0) if y1 > y0 else None

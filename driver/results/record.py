@@ -8,8 +8,9 @@ from ..march.quasistatic import QuasistaticSolver
 from ..march.step import Step
 from . import dissipation
 from .contact_state import WEAR, ContactState, less_wear
-from .quantities import (NODES, REPEATS, chains, farthest_node, largest_pressure, peak_nodes,
-                         quantities, singular_places)
+from .contact_edges import NODES, chains
+from .quantities import (REPEATS, farthest_node, largest_pressure, peak_nodes, quantities,
+                         singular_places)
 from .shares import label_shares
 from .touch import Touch, of_arrivals
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..contact.states import OPEN, SLIP
-from .quantities import (EDGE, beyond_ends, chains, doubt_of_ends, farthest_node, is_ring,
-                         longest_ways, moves)
+from .contact_edges import EDGE, beyond_ends, chains, doubt_of_ends, is_ring
+from .quantities import carried, farthest_node, longest_ways, made_under_load, moves
 
 FEW = 6  # nodes in contact, among which the next may differ by all of a quantity's error
 FALLS = 0.6  # pressure at an end of the boundary over the next: below it contact may end before
@@ -30,6 +30,8 @@ class Touch:
     length: np.ndarray = field(default_factory=lambda: np.zeros(0))  # of their boundary
     # (k, 3) of the ends of boundaries: place, pressure over the mean one of those that touch
     ends: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    # the same in the step until then in which contact carried most
+    loaded: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     apart: float = np.inf  # least opening, where none touches
     # (m, 2) opening of the nodes that do not touch, and length of their boundary
     beside: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
@@ -37,6 +39,7 @@ class Touch:
     doubt: float = 0.0  # by how much other nodes would locate its ends elsewhere
     whole: float = 0.0  # length of all contact boundaries, from node to node
     cornered: bool = False  # a few nodes press, at ends of boundaries that go on nowhere
+    earlier: bool = False  # slip was made in other states than that at the end of the step
     way_at_end: bool = False  # what has slid farthest is next to an end, none of a symmetry
 
     @classmethod
@@ -51,9 +54,7 @@ class Touch:
         whole = nodes.get("length", nodes["weight"])
         length = whole[closed]
         pressure = -steps["sigma_n"][index]
-        mean = pressure[closed] @ length / max(length.sum(), 1e-300)
-        ends = [end for piece in pieces if not is_ring(nodes, piece)
-                for end in dict.fromkeys(piece[[0, -1]].tolist())]
+        most = int(carried(nodes, steps)[: index + 1].argmax())
         gap = steps["gap"][index] if "gap" in steps else nodes["gap"]
         opening = gap - steps["u_n"][index]
         apart = opening.min(initial=np.inf, where=not closed.any())
@@ -62,12 +63,13 @@ class Touch:
         return cls(int(closed.sum()), _lone(nodes, pressing), pressing_round, flat,
                    bool(sliding and one_way), between_nodes(nodes, steps, index),
                    pressure[closed], length,
-                   np.column_stack([nodes["xy"][ends], pressure[ends] / (mean or 1.0)]),
-                   float(apart), np.column_stack([opening, whole])[~closed],
+                   _at_ends(nodes, steps, index), _at_ends(nodes, steps, most), float(apart),
+                   np.column_stack([opening, whole])[~closed],
                    sum(_sides(nodes, piece, closed[piece]) for piece in pieces),
                    sum(doubt_of_ends(nodes, piece, steps, index) for piece in lines),
                    sum(float(np.diff(nodes["arc"][piece]).sum() + beyond_ends(nodes, piece).sum())
                        for piece in lines), _cornered(nodes, pieces, pressing),
+                   not made_under_load(nodes, steps, index),
                    bool(sliding_at_all and _next_to_end(nodes, pieces,
                                                         farthest_node(steps, index))))
 
@@ -82,6 +84,16 @@ class Touch:
         """
         opening, length = self.beside.T
         return float(length[opening < way].sum() + self.lighter(part) + self.edges)
+
+
+def _at_ends(nodes: dict, steps: dict, index: int) -> np.ndarray:
+    """(k, 3) of the ends of boundaries: place, pressure over the mean one of what touches."""
+    ends = [end for piece in chains(nodes) if not is_ring(nodes, piece)
+            for end in dict.fromkeys(piece[[0, -1]].tolist())]
+    pressure, closed = -steps["sigma_n"][index], steps["status"][index] != OPEN
+    length = nodes.get("length", nodes["weight"])[closed]
+    mean = pressure[closed] @ length / max(length.sum(), 1e-300)
+    return np.column_stack([nodes["xy"][ends], pressure[ends] / (mean or 1.0)])
 
 
 def _cornered(nodes: dict, pieces: list, force: np.ndarray) -> bool:
@@ -119,33 +131,37 @@ def _lone(nodes: dict, force: np.ndarray) -> float:
 def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
     """What nodes leave open of the contact length and of slip at step `index`, whatever meshes say.
 
-    Beside a clamped node contact may be lost between it and a closed one, over half of the edge.
+    Beside a clamped node contact may be lost between it and a closed one, over half of the edge, or
+    over all of it where the line through the last two pressures is below zero at its end.
     Where contact ends between two nodes the place is known to a part of the edge, and where
     pressure falls steeply towards an end of the boundary contact may end before it, by as much as
     `_before_ends` says where it would be zero there but for the end node. The largest slip may be
-    elsewhere by as much as it differs from that of the next nodes that have touched. All but the
-    first where FEW nodes are in contact; where there are more by less in proportion: of slip where
-    more have slid, as it is zero wherever all stick. The largest pressure by how far it stands out
-    from its neighbours, see `_standing_out`.
+    elsewhere by as much as it differs from that of the next nodes that have touched. Slip and the
+    place between two nodes where FEW nodes are in contact; where there are more by less in
+    proportion, as meshes tell: of slip where more have slid, as it is zero wherever all stick. Of
+    contact that may end before the boundary meshes that all close its last node tell nothing. The
+    largest pressure by how far it stands out from its neighbours, see `_standing_out`.
     """
     touching = steps["status"][: index + 1] != OPEN
-    closed, clamped, early, edges, apart = touching[-1], 0.0, 0.0, [], 0.0
+    closed, edges, falls = touching[-1], [], []
+    clamped, early, apart = 0.0, 0.0, 0.0
     sliding = steps["status"][: index + 1] == SLIP
     way = np.where(sliding, moves(steps)[: index + 1], 0.0).sum(axis=0)
     top = farthest_node(steps, index)
     for piece in chains(nodes):
         if len(piece) > 1:
-            edges += _ends(nodes, piece, closed[piece], -steps["sigma_n"][index][piece])
+            pressure = -steps["sigma_n"][index][piece]
+            edges += _ends(nodes, piece, closed[piece])
             if not is_ring(nodes, piece):
-                clamped += float(beyond_ends(nodes, piece) @ closed[piece[[0, -1]]]) / 2
-                early += _before_ends(nodes, piece, closed[piece],
-                                      -steps["sigma_n"][index][piece])
+                clamped += _to_clamped(nodes, piece, closed[piece], pressure)
+                early += _before_ends(nodes, piece, closed[piece], pressure)
+                falls += _falls(nodes, piece, closed[piece], pressure)
         near = piece[(np.abs(piece - top) <= 1) & touching[:, piece].any(axis=0)]
         if top in piece and len(near):
             apart = float(np.abs(way[near] - way[top]).max())
             apart *= min(1.0, FEW / max(1, np.count_nonzero(sliding[:, piece].any(axis=0))))
     share = min(1.0, FEW / max(1, np.count_nonzero(closed)))
-    ends = EDGE * share * float(np.linalg.norm(edges))
+    ends = EDGE * float(np.hypot(share * np.linalg.norm(edges), np.linalg.norm(falls)))
     return {"peak_pressure": _standing_out(nodes, np.abs(steps["sigma_n"][index])),
             "contact_length": max(clamped, early, ends), "slip": apart}
 
@@ -224,12 +240,16 @@ def _alone(apart: np.ndarray) -> float:
     return float(np.clip(min((1 + back) / 1.5, 1.5 - back), HALF, 1.0))
 
 
-def _ends(nodes: dict, piece: np.ndarray, closed: np.ndarray, pressure: np.ndarray) -> list[float]:
-    """Lengths of the element sides of a piece in which contact ends, or may do so."""
+def _ends(nodes: dict, piece: np.ndarray, closed: np.ndarray) -> list[float]:
+    """Lengths of the element sides of a piece in which contact ends."""
     side = np.diff(nodes["arc"][piece]) * (2 if nodes["middle"].any() else 1)
-    ends = [*side[closed[1:] != closed[:-1]]]
-    if is_ring(nodes, piece):
-        return ends
+    return [*side[closed[1:] != closed[:-1]]]
+
+
+def _falls(nodes: dict, piece: np.ndarray, closed: np.ndarray,
+           pressure: np.ndarray) -> list[float]:
+    """Lengths of the last element sides of a piece in which contact may end, closed as they are."""
+    side, ends = np.diff(nodes["arc"][piece]) * (2 if nodes["middle"].any() else 1), []
     for end, near in ((0, 1), (-1, -2)):
         mirrored = nodes["mirrored"][piece[end]]
         if closed[end] and not mirrored and pressure[end] < FALLS * pressure[near]:
@@ -253,6 +273,17 @@ def _before_ends(nodes: dict, piece: np.ndarray, closed: np.ndarray,
                 p * side < (q - p) * last or p < pressure[end]):
             early += last - min(last, side * p**2 / (q**2 - p**2))
     return early
+
+
+def _to_clamped(nodes: dict, piece: np.ndarray, closed: np.ndarray, pressure: np.ndarray) -> float:
+    """Length of the edges beyond the ends of a piece, to clamped nodes, over which contact may be
+    lost.
+    """
+    side, lost = np.diff(nodes["arc"][piece])[[0, -1]], 0.0
+    for beyond, edge, end, near in zip(beyond_ends(nodes, piece), side, (0, -1), (1, -2)):
+        vanishes = (pressure[near] - pressure[end]) * beyond > pressure[end] * edge
+        lost += closed[end] * beyond * (1.0 if vanishes else 0.5)
+    return float(lost)
 
 
 def _sides(nodes: dict, piece: np.ndarray, closed: np.ndarray) -> float:

@@ -17,7 +17,8 @@ from ..march.uniqueness import DOUBTFUL_FRICTION
 from ..options import Settings
 from ..results import dissipation
 from ..results.contact_state import WEAR, less_wear, without_row
-from ..results.quantities import NODES, chains, contact_length, peak, resultant, traction
+from ..results.contact_edges import NODES, chains, contact_length
+from ..results.quantities import peak, resultant, traction
 from ..results.record import Record
 from ..results.shares import label_shares
 from ..results.tables import shown

@@ -15,12 +15,12 @@ from driver.results.touch import Touch
 NONE = Touch(open={})
 
 
-def of(values, touches=(), **more):
+def of(values, touches=(), lost=(), **more):
     """Parts from the values of a run and its companions, by name, on meshes twice as coarse each.
     """
     runs = [dict(zip(values, column)) for column in zip(*values.values())]
     return Caution(**{"element": "P1", "touch": NONE, **more}).parts(
-        runs[0], list(zip(runs, runs[1:])), [2.0] * (len(runs) - 1), (), touches)
+        runs[0], list(zip(runs, runs[1:])), [2.0] * (len(runs) - 1), (), touches, lost)
 
 
 def power(order, count=3):
@@ -203,15 +203,16 @@ def sharp(pressure):
 
 def test_integrals_are_approached_no_faster_than_sharp_ends_leave():
     """Stresses r^-3/4 leave the order 1/2, though coarse meshes show 2; graded meshes restore it,
-    and lengths are found where they are.
+    and lengths are found where they are. The work of friction, which no adjoint problem holds, is
+    trusted as little as other integrals are without one.
     """
     touches = [sharp(3 * 0.5 ** (-0.75 * k)) for k in (2, 1, 0)]
     names = ("displacement", "dissipated_energy", "contact_length")
     values = {name: power(2.0) for name in names} | {"slip": [3.0, 3.0, 3.0]}
     smooth, rough = of(values), of(values, touches=touches)
     rest = abs(np.diff(values["displacement"])[1]) / ((2**0.5 - 1) * 2**0.5)
-    for name, safety in zip(names, (SAFETY, caution.CAUTION["dissipated_energy"])):
-        assert rough[name].error == pytest.approx(safety * rest)
+    for name in names[:2]:
+        assert rough[name].error == pytest.approx(SAFETY * rest)
         assert rough[name].error > 5 * smooth[name].error
         assert rough[name].rate == pytest.approx(0.5)
     assert rough["contact_length"].error == smooth["contact_length"].error
@@ -336,6 +337,47 @@ def test_an_order_too_slow_to_be_one_leaves_the_adjoint_problem_alone(order, tol
         meshes = of(moved)["displacement"].error
         assert found == pytest.approx(min(bound, meshes / SAFETY) if told else max(alone, mean))
         assert meshes > 2 * 0.05 / SEES**2
+
+
+@pytest.mark.parametrize("order, told", [(1.05, True), (1.3, False)])
+def test_the_order_that_sharp_ends_leave_is_known_to_a_tenth(order, told):
+    """Meshes that show about that order tell it, though a little faster than it seems they can; the
+    adjoint problem alone does not see such ends.
+    """
+    touches = [sharp(3 * 0.5 ** (-0.5 * k)) for k in (2, 1, 0)]
+    size = {"normal_resultant": Sizes(1e-3, 2e-3, 0.1)}
+    found = of({"normal_resultant": power(order)}, touches, sizes=size)["normal_resultant"].error
+    assert (found > 0.05) == told and (found == pytest.approx(2e-3 / SEES**2)) != told
+
+
+def test_meshes_that_lose_parts_of_loads_may_agree_by_chance():
+    """A load that ends inside an edge of the next mesh, or of the run's own, adds what it may err
+    by; places of contact hang on other things.
+    """
+    values = {name: [2.0, 1.999, 1.98] for name in ("displacement", "contact_length")}
+    plain, coarse, own = (of(values, lost=lost) for lost in ((), (0.0, 0.03, 0.06), (0.1, 0, 0)))
+    for found, more in ((coarse, 0.06), (own, 0.2)):
+        added = found["displacement"].error - plain["displacement"].error
+        assert added == pytest.approx(more)
+    for found in (coarse, own):
+        assert found["contact_length"].error == plain["contact_length"].error
+
+
+@pytest.mark.parametrize("values", [[1.0, 1.02], [1.0, 1.02, 1.06]])
+def test_adjoint_problems_of_the_last_state_limit_no_error_of_earlier_ones(values):
+    """Where slip turned or contact was unloaded since: told or not, they hold from below alone, but
+    of pressures, which hardly depend on slip.
+    """
+    names = ("displacement", "tangential_resultant", "slip")
+    values = dict.fromkeys((*names, "normal_resultant"), values)
+    small = dict.fromkeys(values, Sizes(1e-4, 2e-3, 1e-3))
+    last, earlier = (of(values, sizes=small, touch=Touch(earlier=before, open={}))
+                     for before in (False, True))
+    for name in names:
+        assert last[name].error < 0.005 and earlier[name].error >= 0.02
+    assert earlier["normal_resultant"] == last["normal_resultant"]
+    large = dict.fromkeys(names, Sizes(2.0, 3.0, 1.0))
+    assert of(values, sizes=large, touch=Touch(earlier=True, open={}))["slip"].error >= 3.0
 
 
 @pytest.mark.parametrize("pressing, error", [(1, 0.02), (2, 0.02), (3, 0.0), (0, 0.0)])

@@ -12,12 +12,12 @@ from driver.estimates.caution import Caution
 from driver.results.touch import Touch
 
 
-def touch(size, exponent, far=2.0, length=10.0, moved=0.0, slid=None, mirrored=False):
+def touch(size, exponent, far=2.0, length=10.0, moved=0.0, slid=None, mirrored=False, left=None):
     """Contact on nodes of a `size` apart, whose pressure at the left end is that of r^-exponent on
     average over half an edge, beside 1 elsewhere and `far` at the right end.
 
     `slid`: the node that has slid farthest of all that slide; `mirrored`: the left end is on a
-    line of symmetry.
+    line of symmetry; `left`: pressure everywhere in a step that follows.
     """
     x = np.arange(0.0, length + size / 2, size)
     pressure = np.ones(len(x))
@@ -33,7 +33,9 @@ def touch(size, exponent, far=2.0, length=10.0, moved=0.0, slid=None, mirrored=F
     if slid is not None:
         steps["status"][:], steps["slip"][:] = SLIP, 1.0
         steps["slip"][slid] = 1.001
-    return Touch.of(nodes, {name: column[None] for name, column in steps.items()}, 0, 0)
+    then = [steps] if left is None else [steps, steps | {"sigma_n": np.full(len(x), -left)}]
+    return Touch.of(nodes, {name: np.array([step[name] for step in then]) for name in steps},
+                    len(then) - 1, 0)
 
 
 @pytest.mark.parametrize("exponent", [0.2, 0.45, 0.75])
@@ -42,6 +44,24 @@ def test_functionals_are_approached_by_twice_what_the_exponent_leaves(exponent):
     meshes = [touch(0.005, exponent), touch(0.01, exponent, moved=0.01),
               touch(0.02, exponent, moved=0.02)]
     assert sharp_ends.order(meshes, [2.0, 2.0]) == pytest.approx(2 * (1 - exponent), abs=0.06)
+
+
+@pytest.mark.parametrize("left, sharp", [(0.1, False), (None, True)])
+def test_what_adds_up_over_a_history_has_the_order_of_ends_that_were_sharp_under_load(left, sharp):
+    """After unloading pressure is even: force and displacement are those of then, slip and work
+    have been made before.
+    """
+    meshes = [touch(size, 0.5, left=left) for size in (0.005, 0.01, 0.02)]
+    most = pytest.approx(1.0, abs=0.06)
+    assert sharp_ends.order(meshes, [2.0, 2.0]) == (most if sharp else np.inf)
+    assert sharp_ends.order_of_history(meshes, [2.0, 2.0]) == most
+    values = {"displacement": 1.0, "dissipated_energy": 1.0, "slip": 1.0}
+    runs = [(values, dict.fromkeys(values, 0.99)), (values, dict.fromkeys(values, 0.96))]
+    blunt, found = (Caution("P1", touch=meshes[0]).parts(values, runs, [2.0, 2.0], (), touches)
+                    for touches in ((), meshes))
+    for name in ("dissipated_energy", "slip"):
+        assert found[name].error > 1.2 * blunt[name].error
+    assert (found["displacement"].error > blunt["displacement"].error) == sharp
 
 
 def test_growth_that_does_not_go_on_is_none():
@@ -77,7 +97,7 @@ def test_where_a_tie_begins_the_order_is_that_of_the_tip_of_a_crack(start, perio
 def test_coarse_meshes_are_trusted_no_further_than_the_tip_of_a_crack_allows():
     """Whose change falls by four: a third of the last one is left, or all of it, beside caution."""
     runs = [({"slip": 1.0}, {"slip": 0.99}), ({"slip": 0.99}, {"slip": 0.95})]
-    fast, slow = (Caution("P1", touch=touch(0.1, 0.0), order=order).parts(
+    fast, slow = (Caution("P1", touch=touch(0.1, 0.0), tips=order).parts(
         {"slip": 1.0}, runs, [2.0, 2.0], ())["slip"].error for order in (np.inf, sharp_ends.TIP))
     assert slow > 2 * fast and slow >= 0.01 > fast
 
@@ -99,7 +119,7 @@ def test_slip_at_a_sharp_end_is_claimed_by_the_order_there(coarser):
     slip elsewhere is claimed as before.
     """
     runs = [({"slip": 1.0}, {"slip": 0.99}), ({"slip": 0.99}, {"slip": coarser})]
-    end, inside = (Caution("P1", touch=touch(0.1, 0.0, slid=slid), order=1.0).parts(
+    end, inside = (Caution("P1", touch=touch(0.1, 0.0, slid=slid), tips=1.0).parts(
         {"slip": 1.0}, runs, [2.0, 2.0], ())["slip"].error for slid in (0, 50))
     left = (0.01 if coarser > 0.99 else 0.04 / 2**0.5) / (2**0.5 - 1)
     assert end == pytest.approx(1.75 * left, rel=1e-3) and inside < end / 2

@@ -151,5 +151,17 @@ include "export.idp"
         assert said(run, "load3 jumps inside an edge") == bool(lost)
 
 
+@pytest.mark.parametrize("unseen, lost", [((0.0, 0.1), 0.03), ((0.0, 5e-3), 0.0)])
+def test_what_loads_lose_is_some_times_what_quadrature_changes(unseen, lost):
+    """Of the load that loses most, none of those that are not given on edges; little is none."""
+    sub = SimpleNamespace(unseen=unseen, loads=np.array([[1.0, -2.0], [4.0, -6.0], [1.0, 1.0]]))
+    patterns = [{"given_on": where, "amplitude": k} for k, where in enumerate(
+        ("edges", "edges", "triangles"))]
+    problem = SimpleNamespace(structure=SimpleNamespace(subdomains=[sub]),
+                              manifest=SimpleNamespace(patterns=patterns),
+                              operator=SimpleNamespace(comm=MPI.COMM_SELF))
+    assert soundness.lost(problem) == pytest.approx(lost)
+
+
 def test_constants_that_are_called_parts_are_between_none_and_all():
     assert not constants.beyond("estimates")

@@ -9,7 +9,8 @@ import pytest
 from mpi4py import MPI
 
 from driver.contact.states import OPEN, SLIP, STICK, ContactField
-from driver.results import places, probes, quantities, screen, shares, summary, tables, touch
+from driver.results import (contact_edges, places, probes, quantities, screen, shares, summary,
+                            tables, touch)
 from driver.results.boundaries import _one_boundary
 from driver.results.ledger import shares as seconds_of
 from driver.results.nodal_means import NodalMeans
@@ -184,6 +185,19 @@ def test_forces_of_a_boundary_follow_its_normals_where_they_change():
         assert slip == k + 1 and work == pytest.approx(2.25 * (k + 1))
 
 
+@pytest.mark.parametrize("slip, force, made", [
+    ([1.0, 2.0, 0.5], [1.0, 2.0, 3.0], True), ([1.0, 2.0, 0.0], [1.0, 3.0, 1.0], False),
+    ([1.0, 2.0, -0.5], [1.0, 2.0, 3.0], False), ([1.0, 2.0, -0.1], [3.0, 3.0, 2.9], True),
+    ([0.0, 0.0, 0.0], [1.0, 3.0, 1.0], True)])
+def test_slip_is_that_of_the_last_state_unless_it_turned_or_contact_was_unloaded(slip, force, made):
+    """But for little, as where friction takes a part of a load that stays; so is none."""
+    nodes = {"weight": np.full(2, 0.5)}
+    steps = {"status": np.full((3, 2), SLIP), "slip": np.column_stack([slip, np.zeros(3)]),
+             "sigma_n": -np.column_stack([force, force])}
+    assert quantities.made_under_load(nodes, steps, 2) == made
+    assert quantities.made_under_load(nodes, steps, 0)
+
+
 def test_where_the_peak_and_the_farthest_node_are():
     """Neighbours of the peak belong to it while they touch; slip counts in contact, up to a step.
     """
@@ -280,16 +294,16 @@ def test_boundaries_of_a_single_node_have_its_length():
              "weight": np.array([0.5, 1.0, 0.5, 0.75]), "gap": np.zeros(4),
              "paired": np.zeros(4, bool), "middle": np.zeros(4, bool),
              "mirrored": np.zeros(4, bool)}
-    pieces = quantities.chains(nodes)
+    pieces = contact_edges.chains(nodes)
     assert [piece.tolist() for piece in pieces] == [[0, 1, 2], [3]]
-    assert quantities.beyond_ends(nodes, pieces[1]).tolist() == [0, 0]
+    assert contact_edges.beyond_ends(nodes, pieces[1]).tolist() == [0, 0]
     steps = {"u_n": np.zeros((2, 4)), "slip": np.array([[0, 0, 0, 2.0], [0, 0, 0, -1.0]]),
              "sigma_n": -np.array([[1.0, 1, 1, 9], [1, 1, 1, 0]]), "sigma_t": np.zeros((2, 4)),
              "status": np.array([[SLIP, SLIP, SLIP, SLIP], [STICK, STICK, STICK, OPEN]])}
-    assert quantities.contact_length(nodes, pieces, steps, 0) == pytest.approx(2.75)
-    assert quantities.contact_length(nodes, pieces, steps, 1) == pytest.approx(2.0)
+    assert contact_edges.contact_length(nodes, pieces, steps, 0) == pytest.approx(2.75)
+    assert contact_edges.contact_length(nodes, pieces, steps, 1) == pytest.approx(2.0)
     assert quantities.longest_ways(nodes, pieces[1], steps).tolist() == [2.0, 2.0]
-    assert quantities.edges_of_contact(nodes, pieces[1], steps, 0) == []
+    assert contact_edges.edges_of_contact(nodes, pieces[1], steps, 0) == []
     assert quantities.peak(np.zeros(1), np.array([9.0])) == 9.0
     assert between_nodes(nodes, steps, 0) == {"peak_pressure": 0.0, "contact_length": 0.0,
                                                "slip": 0.0}
@@ -369,12 +383,12 @@ def test_names_of_columns_and_files():
     ([0, 0, 0, 1, 1], 2.0, [1.0]), ([0, 0, 0, 0, 0], 0.0, [])])
 @pytest.mark.parametrize("middle", [False, True])
 def test_sides_in_which_contact_ends_are_those_of_elements(closed, sides_, ends, middle):
-    """Sides of length 1, with a node in the middle or without; pressures do not fall to the end."""
+    """Sides of length 1, with a node in the middle or without."""
     nodes = {"arc": np.arange(5.0) / (2 if middle else 1), "middle": np.arange(5) % 2 * middle,
              "xy": np.column_stack([np.arange(5.0), np.zeros(5)]), "mirrored": np.zeros(5, bool)}
     piece, state = np.arange(5), np.array(closed, bool)
     assert touch._sides(nodes, piece, state) == sides_
-    assert touch._ends(nodes, piece, state, np.ones(5)) == ends
+    assert touch._ends(nodes, piece, state) == ends
 
 
 def test_memory_is_that_of_the_process_in_mib():
