@@ -120,7 +120,8 @@ class Validity:
             return
         if len(self.boundary.gid):
             self._check_contact(step, state, place, moved)
-        self._check_overlaps(step, place, moved)
+        passed = (state[ContactField.U_N] - self.boundary.at(step.time).gap)[self.boundary.paired]
+        self._check_overlaps(step, place, moved, passed.max(initial=0.0))
 
     def _check_deformation(self, step, fields) -> None:
         """Strains and rotations of all triangles, with those that supports prescribe to bodies."""
@@ -272,13 +273,16 @@ class Validity:
         return np.where(count > 1, total / np.maximum(count, 1), np.inf)
 
     # ---- overlaps --------------------------------------------------------------------------------
-    def _check_overlaps(self, step, place, moved) -> None:
+    def _check_overlaps(self, step, place, moved, passed: float) -> None:
+        """`passed`: how far rough or worn surfaces pass through each other, also at their ends."""
         edges = self.structure.outer_edges
         start, end = (place + moved)[edges[:, :2]].transpose(1, 0, 2)
         body = self.body[edges[:, 0]]
         pairs = {frozenset(pair) for pair in self.problem.manifest.contact_pairs}
         pairs |= {frozenset((one.first, one.second)) for one in self.problem.effects.joints}
         size = {k: np.ptp(place[edges[body == k, 0]], axis=0).max() for k in np.unique(body)}
+        declared = np.isin(edges[:, 2], self.problem.manifest.contact_pairs)
+        meets = np.isin(edges[:, 0], edges[declared, :2])
         for one in size:
             for two in size:
                 if one == two:
@@ -289,6 +293,7 @@ class Validity:
                 mine = mine[true_distance.inside(start[mine], start[theirs], end[theirs])]
                 if len(mine):
                     depth, near = true_distance.nearest(start[mine], start[theirs], end[theirs])
+                    depth[meets[mine] & (depth <= passed)] = 0.0
                     self._note_depth(step, mine, theirs[near], depth / min(size[one], size[two]),
                                      pairs, start, end)
         cut = true_distance.crossings(start, end, edges[:, :2])

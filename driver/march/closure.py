@@ -48,9 +48,17 @@ class Closure:
         self.slope[:], self.offset[:] = 0.0, 0.0
         self.qp.soften(np.zeros(self.qp.operator.owned))
 
-    def renew(self, load: Load, x: np.ndarray, gradient: np.ndarray) -> np.ndarray:
-        """Take the tangents at multipliers x with their gradient, which is returned anew."""
+    def renew(self, load: Load, x: np.ndarray, gradient: np.ndarray,
+              sliding: np.ndarray | None = None) -> np.ndarray:
+        """Take the tangents at multipliers x with their gradient, which is returned anew.
+
+        Where the rows that are `sliding` are given, those of a start, others have no slip yet: a
+        node that sticks wears nothing, while wear by what a start is off would take the pressure,
+        and with it the friction, that holds it.
+        """
         force, own, slip = self._state(x, gradient)
+        if sliding is not None:
+            slip[self.place] *= sliding * gradient[self.rows.tangential] < 0
         before = self.slope.sum(axis=0), self.offset.sum(axis=0)
         for k, room in enumerate(self.rooms):
             largest = self.qp.operator.comm.allreduce(
@@ -112,9 +120,9 @@ class Closure:
         given tangents from such. Raises Unfinished.
         """
         x, gradient, sliding = start
-        aim = self.qp.settings.primal_rtol
+        aim, began = self.qp.settings.primal_rtol, sliding
         for _ in range(MOST):
-            gradient = self.renew(load, x, gradient)
+            gradient, began = self.renew(load, x, gradient, began), None
             x, gradient, moved, residuals = solve(index, load, x, gradient, sliding, trace)
             missed = self.missed(x, gradient)
             if missed <= aim:

@@ -235,11 +235,21 @@ class FixedPoint:
                                gives_up)
         if not coupled:
             return result, 0.0
-        self.slip.renew_coefficient(result.gradient)
+        self.slip.renew_coefficient(self._slides(result, bound))
         return result, max(self.search.norm(self.rows.normal,
                                             result.x[self.rows.normal] - x[self.rows.normal]),
                            self.search.norm(self.rows.tangential,
                                             self.rows.friction_bound(result.x) - bound))
+
+    def _slides(self, result, bound: np.ndarray) -> np.ndarray:
+        """The gradient of a QP with friction bounds `bound`, without what sticks.
+
+        There it is but the residual of a QP that was left early: taken for slip, it could weaken
+        friction that holds.
+        """
+        gradient, t = result.gradient.copy(), self.rows.tangential
+        gradient[t] *= self.rows.sliding(result.x, bound) * gradient[t] < 0
+        return gradient
 
     def _reduction(self, trace: Trace) -> float:
         """Residual reduction of a QP of the fixed point."""

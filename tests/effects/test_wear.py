@@ -40,6 +40,36 @@ macro friction() 0.3 //
 macro wear() 1e-3 //
 include "export.idp"
 """
+# a periodic strip whose obstacle moves on by less than what friction holds, under less pressure
+HELD = """include "scene.idp"
+subdomains("2x1");
+rectangle(0., 2., 0., 2.);
+macro young() 1000. //
+macro poisson() 0.3 //
+quasistatic(3.);
+macro periodic() 4, 2 //
+macro displacement1() on(3, u1 = 0., u2 = -0.01) //
+macro amplitude1(t) (t < 1.5 ? 0. : (t < 2.5 ? 2. : 1.4)) //
+macro contact() 1 //
+macro gap() 0.004 //
+macro obstacleX(t) (t < 2.5 ? 0. : 0.007) //
+macro friction() 0.3 //
+macro wear() 1. //
+include "export.idp"
+"""
+
+
+def test_what_sticks_in_a_step_wears_nothing(solved, scene):
+    """Pressure M eps and shear G gamma of a strip that sticks: M 0.01/2 and G 0.007/2.
+
+    With the slip that the prediction of the step has, the wear of that slip would take the pressure
+    that holds the strip: a second solution of the same step, which no history leads to.
+    """
+    contact = solved(scene(HELD), cells=2, steps=3, **TIGHT).contact
+    G, M = 1000 / 2.6, 1000 * 0.7 / (1.3 * 0.4)
+    np.testing.assert_allclose(contact["sigma_n"][-1], -0.005 * M, rtol=1e-7)
+    np.testing.assert_allclose(np.abs(contact["sigma_t"][-1]), 0.0035 * G, rtol=1e-6)
+    assert contact["wear"].max() < 1e-9
 
 
 def test_full_slip_wears_off_knS(solved, scene):

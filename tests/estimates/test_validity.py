@@ -515,3 +515,26 @@ def test_edges_cross_where_both_lines_meet_inside(seed):
     found = true_distance.crossings(start, end, ends)
     assert {tuple(sorted(map(int, pair))) for pair in found} == expected and len(expected) > 10
     assert len(found) == len(expected)
+
+
+FLUSH = '''include "scene.idp"
+units("mm", "MPa");
+int[int] low = [11, 12, 13, 14], high = [21, 22, 23, 24];
+addBody(square(8, 4, [4*x, 2*y - 2], label = low))
+bodyMaterial("low", 1000., 0.3);
+addBody(square(9, 4, [4*x, 2*y], label = high))
+bodyMaterial("high", 500., 0.2);
+macro support() on(11, u1 = 0., u2 = 0.) //
+macro displacement1() on(23, u1 = 0.04, u2 = -0.1) //
+macro contactPair() 21, 13 //
+macro friction() 0.1 //
+macro normalCompliance() 300. //
+include "export.idp"
+'''
+
+
+def test_rough_blocks_that_end_flush_do_not_overlap_beside_their_contact(solved, scene):
+    """A corner of the one is in the other by its asperities, nearer to the side than to the top."""
+    run = solved(scene(FLUSH))
+    assert (run.contact["u_n"] - run.contact["gap"]).max() > 0.01
+    assert run.summary["validity"]["verdict"] == "ok"

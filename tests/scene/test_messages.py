@@ -638,6 +638,14 @@ def test_an_obstacle_without_slope_gives_no_direction(said):
     assert "obstacle cannot be evaluated" in message and "no direction" in message
 
 
+@pytest.mark.parametrize("formula, words", [
+    ("1./(x - x)", "cannot be evaluated: a division by zero"),
+    ("sqrt(-1. - x)", "is no finite number on label 1 at (0, 0)")])
+def test_initial_displacements_that_are_none_are_named(said, formula, words):
+    added = f"macro contact() 1 //\nmacro initialY() {formula} //"
+    assert f"initialY {words}" in said(("macro contact() 1 //", added))
+
+
 @pytest.mark.parametrize("reason, line", [
     ("the boundaries 1 and 3 of a contact pair do not face each other, or a support holds", 3),
     ("the tied boundaries 1 and 5 do not face each other", 4),
