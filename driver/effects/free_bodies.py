@@ -68,7 +68,7 @@ class FreeBodies:
         shares, modes = self._shares(load, x), self.operator.structure.rigid_modes
         worst = [mode for mode, share in zip(modes, shares) if share > 0.1 * shares.max()]
         return ("no equilibrium was found: contact and friction could hold rigid bodies, but where "
-                f"these ones press and rub, {100 * shares.max():.2g} % of the forces on "
+                f"these ones press and rub, {100 * shares.max():.3g} % of the forces on "
                 f"{self._names(worst)}, which no support holds, stay unbalanced: "
                 f"{self._way(load, x, modes[int(shares.argmax())].body)}")
 
