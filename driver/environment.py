@@ -21,7 +21,6 @@ from .errors import InputError, file_error
 
 ROOT = Path(__file__).resolve().parent.parent
 LIBRARY = ROOT / "edp" / "lib"
-PR_SET_PDEATHSIG = 1  # of Linux's prctl: the signal that a process gets when its parent ends
 CPU = Path("/proc/cpuinfo")
 BLAS_BUFFER = 2**27  # bytes that OpenBLAS asks for at its first product
 PETSC_ROOM = 150 * 2**20  # bytes of address space that PETSc, MPI and their libraries take at least
@@ -297,7 +296,16 @@ def mpirun(ranks: int, env: dict[str, str] | None = None) -> list[str]:
         start += [word for name in filter(HANDED_ON.fullmatch, env or ()) for word in ("-x", name)]
     else:
         start += ["--mca", OWN_PLACE, place_of_mpirun()]
-    return [*start, "-n", str(ranks), program("setpriv"), "--pdeathsig", "KILL"]
+    return [*start, "-n", str(ranks), *end_with_parent("KILL")]
+
+
+def end_with_parent(signal_name: str) -> list[str]:
+    """Command prefix of a process that gets a signal when its parent ends, unless that ends in the
+    first milliseconds.
+
+    Raises InputError if util-linux, which every Debian has, is not installed.
+    """
+    return [program("setpriv"), "--pdeathsig", signal_name]
 
 
 def place_of_mpirun() -> str:
@@ -339,15 +347,9 @@ def started(command: list[str], **options):
     On an interrupt mpirun has the time to stop its ranks and clean up. Raises InputError if the
     program cannot be started.
     """
-    libc, parent = ctypes.CDLL(None), os.getpid()
-
-    def end_with_parent():
-        libc.prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
-        if os.getppid() != parent:
-            os._exit(128 + signal.SIGTERM)
-
+    # as with threads and MPI it takes 50 ms to fork, for which Python's preexec_fn would ask
     try:
-        child = subprocess.Popen(command, preexec_fn=end_with_parent, **options)
+        child = subprocess.Popen([*end_with_parent("TERM"), *command], **options)
     except OSError as problem:
         message = f"{command[0]} cannot be started: {problem.strerror}"
         raise file_error(problem, message) from None

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -243,3 +244,35 @@ def test_threads_hold_nothing_back():
     thread.start()
     thread.join()
     assert ran
+
+
+def runs_on(number: int) -> bool:
+    """Whether a process is there that has not ended."""
+    try:
+        return Path(f"/proc/{number}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+def test_a_child_ends_with_its_parent():
+    """However that ends: killed, it can do nothing about it itself."""
+    code = ("from driver import environment\n"
+            "environment.run_child(['/bin/sh', '-c', 'echo $$; exec sleep 60'])")
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True,
+                          cwd=environment.ROOT) as parent:
+        child = int(parent.stdout.readline())
+        assert runs_on(child)
+        parent.kill()
+        deadline = time.monotonic() + 10
+        while runs_on(child) and time.monotonic() < deadline:
+            time.sleep(0.01)
+        assert not runs_on(child)
+
+
+def test_a_child_starts_without_a_fork(monkeypatch):
+    """Which takes 50 ms where MPI is loaded: a preexec_fn would ask for it."""
+    asked, popen = [], subprocess.Popen
+    monkeypatch.setattr(subprocess, "Popen", lambda *words, **options: asked.append(
+        options.get("preexec_fn")) or popen(*words, **options))
+    environment.run_child(["/bin/true"])
+    assert asked == [None]
