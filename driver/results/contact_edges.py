@@ -80,30 +80,31 @@ def contact_lengths(nodes: dict, pieces: list[np.ndarray], steps: dict, index: i
     """
     own = nodes.get("length", nodes["weight"])
     shares = nodes.get("shares", np.ones((1, len(own))))
-    parts = [part for piece in pieces for part in _lengths_of(nodes, piece, steps, index)]
-    if not parts:
-        return np.zeros(len(shares))
-    one, other, lengths = (np.array(column) for column in zip(*parts))
+    parts = [_lengths_of(nodes, piece, steps, index) for piece in pieces]
+    one, other, lengths = (np.concatenate(column) for column in zip(*parts))
     both = shares[:, one] * shares[:, other]
     both = np.where(both.any(axis=0), both, shares[:, one])
     return both / both.sum(axis=0) @ lengths
 
 
 def _lengths_of(nodes: dict, piece: np.ndarray, steps: dict,
-                index: int) -> list[tuple[int, int, float]]:
-    """Two nodes, and the length in contact of the edge between them, or of what is one's alone."""
+                index: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(k,) nodes, others, and lengths in contact of the edges between them, or of what is one's
+    alone.
+    """
     own, closed = nodes.get("length", nodes["weight"]), steps["status"][index][piece] != OPEN
     if len(piece) == 1:
-        return [(piece[0], piece[0], own[piece[0]] * closed[0])]
-    inside = zip(piece[:-1], piece[1:], np.diff(nodes["arc"][piece]) * (closed[1:] & closed[:-1]))
+        return piece, piece, own[piece] * closed
+    inside = np.diff(nodes["arc"][piece]) * (closed[1:] & closed[:-1])
     beyond = beyond_ends(nodes, piece)
     whole = closed[[0, -1]] & closed[[1, -2]]  # edges at the ends
     at_ends = np.where(whole, beyond, np.maximum(beyond, 0.0)) * closed[[0, -1]]
     parts = edges_of_contact(nodes, piece, steps, index)
     ends = [(0, -1, beyond[0]), (len(piece) - 1, len(piece), beyond[1])]
-    return [*inside, *zip(piece[[0, -1]], piece[[0, -1]], at_ends),
-            *((piece[i], piece[k], part) for i, k, part in parts),
-            *((piece[k], piece[k], own[piece[k]]) for k in _pointlike(closed, parts + ends))]
+    few = [*zip((0, -1), (0, -1), at_ends), *parts,
+           *((k, k, own[piece[k]]) for k in _pointlike(closed, parts + ends))]
+    one, other, length = (np.array(column) for column in zip(*few))
+    return (np.r_[piece[:-1], piece[one]], np.r_[piece[1:], piece[other]], np.r_[inside, length])
 
 
 def _pointlike(closed: np.ndarray, parts: list[tuple[int, int, float]]) -> list[int]:
