@@ -63,7 +63,8 @@ class Touch:
         return cls(int(closed.sum()), _lone(nodes, pressing), pressing_round, flat,
                    bool(sliding and one_way), between_nodes(nodes, steps, index),
                    pressure[closed], length,
-                   _at_ends(nodes, steps, index), _at_ends(nodes, steps, most), float(apart),
+                   _at_ends(nodes, pieces, steps, index),
+                   _at_ends(nodes, pieces, steps, most), float(apart),
                    np.column_stack([opening, whole])[~closed],
                    sum(_sides(nodes, piece, closed[piece]) for piece in pieces),
                    sum(doubt_of_ends(nodes, piece, steps, index) for piece in lines),
@@ -86,9 +87,9 @@ class Touch:
         return float(length[opening < way].sum() + self.lighter(part) + self.edges)
 
 
-def _at_ends(nodes: dict, steps: dict, index: int) -> np.ndarray:
+def _at_ends(nodes: dict, pieces: list, steps: dict, index: int) -> np.ndarray:
     """(k, 3) of the ends of boundaries: place, pressure over the mean one of what touches."""
-    ends = [end for piece in chains(nodes) if not is_ring(nodes, piece)
+    ends = [end for piece in pieces if not is_ring(nodes, piece)
             for end in dict.fromkeys(piece[[0, -1]].tolist())]
     pressure, closed = -steps["sigma_n"][index], steps["status"][index] != OPEN
     length = nodes.get("length", nodes["weight"])[closed]
@@ -240,16 +241,20 @@ def _alone(apart: np.ndarray) -> float:
     return float(np.clip(min((1 + back) / 1.5, 1.5 - back), HALF, 1.0))
 
 
+def _element_sides(nodes: dict, piece: np.ndarray) -> np.ndarray:
+    """(k - 1,) lengths of the element sides on which edges between the k nodes of a piece lie."""
+    return np.diff(nodes["arc"][piece]) * (2 if nodes["middle"].any() else 1)
+
+
 def _ends(nodes: dict, piece: np.ndarray, closed: np.ndarray) -> list[float]:
     """Lengths of the element sides of a piece in which contact ends."""
-    side = np.diff(nodes["arc"][piece]) * (2 if nodes["middle"].any() else 1)
-    return [*side[closed[1:] != closed[:-1]]]
+    return [*_element_sides(nodes, piece)[closed[1:] != closed[:-1]]]
 
 
 def _falls(nodes: dict, piece: np.ndarray, closed: np.ndarray,
            pressure: np.ndarray) -> list[float]:
     """Lengths of the last element sides of a piece in which contact may end, closed as they are."""
-    side, ends = np.diff(nodes["arc"][piece]) * (2 if nodes["middle"].any() else 1), []
+    side, ends = _element_sides(nodes, piece), []
     for end, near in ((0, 1), (-1, -2)):
         mirrored = nodes["mirrored"][piece[end]]
         if closed[end] and not mirrored and pressure[end] < FALLS * pressure[near]:
@@ -288,6 +293,6 @@ def _to_clamped(nodes: dict, piece: np.ndarray, closed: np.ndarray, pressure: np
 
 def _sides(nodes: dict, piece: np.ndarray, closed: np.ndarray) -> float:
     """Length of the element sides of a piece in which contact ends, or at whose ends it does."""
-    side = np.diff(nodes["arc"][piece]) * (2 if nodes["middle"].any() else 1)
+    side = _element_sides(nodes, piece)
     at_end = 0.0 if is_ring(nodes, piece) or not len(side) else side[[0, -1]] @ closed[[0, -1]]
     return float(side[closed[1:] != closed[:-1]].sum() + at_end)
