@@ -290,6 +290,23 @@ def test_optional_files_may_be_missing(tmp_path):
                                                                  "contact_status", "history"]
 
 
+@pytest.mark.parametrize("name, size, words", [
+    ("fields/step_0002.vtu", None, "is missing"), ("fields/step_0000.vtu", 0, "is damaged"),
+    ("fields/step_0002.vtu", 3000, "is damaged"), ("fields.pvd", 100, "is damaged"),
+    ("history.csv", 200, "is cut off"), ("contact.csv", 3000, "is cut off"),
+    ("boundary.csv", 0, "is cut off")])
+def test_files_that_are_gone_or_cut_off_are_named(tmp_path, name, size, words):
+    """As a copy that broke off leaves them: in one line, no defect of the suite."""
+    directory = make_run(tmp_path, steps=2, products=6)
+    path = directory / name
+    if size is None:
+        path.unlink()
+    else:
+        path.write_bytes(path.read_bytes()[:size])
+    with pytest.raises(InputError, match=f"{name} .*{words}.*: run the scene again"):
+        figures.draw_run(directory)
+
+
 def test_a_directory_without_a_run_is_refused(tmp_path):
     with pytest.raises(InputError, match="summary.json"):
         figures.draw_run(tmp_path)
@@ -497,7 +514,8 @@ def test_history_may_start_at_step_one_and_have_empty_cells(tmp_path):
     directory = make_run(tmp_path, steps=3, products=6)
     first, _, *rows = (directory / "history.csv").read_text().splitlines()
     (directory / \
-     "history.csv").write_text("\n".join([first + ",contraction", *(row + "," for row in rows)]))
+     "history.csv").write_text("\n".join([first + ",contraction", *(row + "," for row in rows),
+                                                ""]))
     run = figures.read_run(directory)
     assert np.all(np.isnan(run.history["contraction"])) and run.history["step"][0] == 1
     assert len(figures.compose("history", run).axes[-1].patches) == 3
@@ -510,7 +528,7 @@ def test_a_history_without_iterations_shows_none(tmp_path):
     head, *rows = (directory / "history.csv").read_text().splitlines()
     place = head.split(",").index("fixed_point_iterations")
     rows = [[cell if k != place else "0" for k, cell in enumerate(row.split(","))] for row in rows]
-    (directory / "history.csv").write_text("\n".join([head, *map(",".join, rows)]))
+    (directory / "history.csv").write_text("\n".join([head, *map(",".join, rows), ""]))
     condensed = figures.compose("history", figures.read_run(directory))
     assert len(condensed.axes) == len(drawn.axes) - 1
     assert "iterations" in words(drawn) and "iterations" not in words(condensed)
