@@ -19,6 +19,7 @@ REACH = 0.2  # of a picture's width: half of what is drawn of a plane
 ROUND = 4  # marks of a curved obstacle are those of a body at most so many times as large
 STRAIGHT = 1.2  # length of an obstacle over its extent up to which its marks do not meet
 STEEP = 0.87  # sine of the angle between surface and nodes, from which its ends are not drawn
+CORNER = 0.83  # cosine between normals of nodes in a row, below which a corner is between them
 BREAK = 0.5  # relative difference of distance and arc where a new piece begins
 
 
@@ -179,10 +180,12 @@ def _surfaces(rows: dict, size: float, factor: float, away: float, times: float)
     surface = np.column_stack([rows["x"], rows["y"]]) * factor + (gap + away)[:, None] * normal
     for near in (_level(part, surface, normal) for piece in pieces(rows)
                  for part in _facing(piece[np.abs(gap[piece]) < FAR * size], normal)):
-        points = surface[near]
+        points, middle = surface[near], normal[near]
         if len(near) == 1:
-            along = np.column_stack([-normal[near][:, 1], normal[near][:, 0]]) * 0.05 * size
+            along = np.column_stack([-middle[:, 1], middle[:, 0]]) * 0.05 * size
             points = np.concatenate([points - along, points + along])
+        else:
+            points, middle = _with_corners(points, middle)
         way = times * factor * np.abs(rows["u_t"][near]).max() if times else 0.0
         along = points[-1] - points[0]
         along = along / (np.linalg.norm(along) or 1.0)
@@ -191,7 +194,22 @@ def _surfaces(rows: dict, size: float, factor: float, away: float, times: float)
             points = np.vstack([points[0] - way * along, points[-1] + way * along])
         start, end = points[:-1], points[1:]
         out = right_of(start, end)
-        middle = (normal[near][:-1] + normal[near][1:]) / 2 if len(near) > 1 else normal[near]
         middle = middle if len(middle) == len(start) else middle[:1]
         out = np.where((out * middle).sum(axis=1, keepdims=True) < 0, -out, out)
         yield start, end, out
+
+
+def _with_corners(points: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points (n, 2) of an obstacle in a row with its corners between them, where the planes meet
+    that contact sees on both sides; normals (n - 1, 2) of the edges.
+    """
+    middle = (normal[:-1] + normal[1:]) / 2
+    along = np.column_stack([-normal[:, 1], normal[:, 0]])
+    for k in np.flatnonzero((normal[1:] * normal[:-1]).sum(axis=1) < CORNER)[::-1]:
+        step, both = points[k + 1] - points[k], along[k : k + 2]
+        ways = np.linalg.solve(both.T, step)[:, None] * both
+        if (ways @ step > 0).all():  # on the way from one to the other
+            points = np.insert(points, k + 1, points[k] + ways[0], axis=0)
+            middle = np.insert(middle, k + 1, normal[k + 1], axis=0)
+            middle[k] = normal[k]
+    return points, middle

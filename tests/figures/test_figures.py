@@ -460,6 +460,22 @@ def test_a_ramp_beside_a_round_body_goes_on_as_well():
     assert (line.min(), line.max()) == pytest.approx((-0.1, 1.1))
 
 
+def test_the_corner_of_a_groove_is_drawn():
+    """A disc of radius one over the floor y = -1 and beside the wall x = 1.2, each of which is met
+    by half of its nodes: no bevel from the last place on the one to the first on the other.
+    """
+    angle = np.linspace(-0.5, 0.0, 10) * np.pi
+    (x, y), below = np.array([np.cos(angle), np.sin(angle)]), angle < -0.25 * np.pi
+    contact = {"x": x, "y": y, "normal_x": 1.0 * ~below, "normal_y": -1.0 * below,
+               "gap": np.where(below, 1 + y, 1.2 - x), "arc": angle}
+    axes = Figure().add_subplot()
+    obstacle.draw_obstacle(axes, contact, 2.0, 1.0)
+    line, marks = (np.array(c.get_segments()) for c in axes.collections)
+    off = np.minimum(np.abs(line[..., 1] + 1), np.abs(line[..., 0] - 1.2))
+    assert off.max() < 1e-12 and (np.abs(line - [1.2, -1.0]).max(axis=2) < 1e-12).sum() == 2
+    assert ((marks[:, 1, 1] < -1) | (marks[:, 1, 0] > 1.2)).all()
+
+
 @pytest.mark.parametrize("far, planes", [(0.0, 0), (3.0, 1)])
 def test_planes_stand_in_for_an_obstacle_that_is_not_in_the_picture(far, planes):
     """Two nodes that have gone `far` along a floor at y = 0, in a picture 1 wide."""
