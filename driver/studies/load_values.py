@@ -18,6 +18,12 @@ from ..scene.subdomain import Subdomain
 UNUSED = 0  # number of the amplitude of patterns that belong to other values
 
 
+def unvaried(name: str, why: str) -> InputError:
+    """The error of a parameter that one export and factorization do not do for."""
+    return InputError(f"a study cannot vary {name.upper()}: {why}; sweep it by driver.run, as "
+                      "driver/README.md shows under From Python")
+
+
 class LoadValues:
     """The load patterns of all values; `columns` holds, by value, where each of its patterns is.
 
@@ -77,10 +83,9 @@ class LoadValues:
                 continue
             loads = value.loads.get(sub.index)
             if loads is None or loads.forces.shape != sub.loads.shape:
-                raise InputError(f"a study cannot vary {self.name}: it changes the mesh")
+                raise unvaried(self.name, "it changes the mesh")
             if not np.array_equal(loads.fixed, sub.fixed):
-                raise InputError(f"a study cannot vary {self.name}: it changes where "
-                                 "displacements are prescribed")
+                raise unvaried(self.name, "it changes where displacements are prescribed")
             own.append(loads)
         return own
 

@@ -27,7 +27,7 @@ from ..scene.manifest import Manifest, read_manifest
 from ..scene.study_value import read_value
 from ..timing import Laps
 from . import outcomes as outcomes_files
-from .load_values import LoadValues
+from .load_values import LoadValues, unvaried
 
 LARGEST = 2000  # contact rows beyond which the condensation takes longer than a hundred runs save
 CHAIN = 20  # values that follow one another at most
@@ -153,11 +153,10 @@ def _progress(request: Request, comm, k: int, done: int, total: int) -> None:
 def _check_same(name: str, base, value) -> None:
     """Refuse a value whose manifest differs in what stiffness, loads and rows come from."""
     if list(base.rooms) != list(value.rooms):
-        raise InputError(f"a study cannot vary {name.upper()}: it changes the scene's effects")
+        raise unvaried(name, "it changes the scene's effects")
     for part in ("subdomains", "nodes", "patterns", "contact_labels", "material", "plane"):
         if getattr(base, part) != getattr(value, part):
-            raise InputError(f"a study cannot vary {name.upper()}: it changes the scene's "
-                             f"{part.replace('_', ' ')}")
+            raise unvaried(name, f"it changes the scene's {part.replace('_', ' ')}")
 
 
 def _contact_of(name: str, effects, whole, data, gid: np.ndarray, pairs: list):
@@ -174,15 +173,14 @@ def _contact_of(name: str, effects, whole, data, gid: np.ndarray, pairs: list):
     if not ((place >= 0).all()
             and np.allclose(read.weight[place][rigid], boundary.length[rigid], rtol=1e-9)
             and np.allclose(read.normal[place][rigid], boundary.normal[rigid], atol=1e-9)):
-        raise InputError(f"a study cannot vary {name.upper()}: it moves or turns the contact "
-                         "boundary")
+        raise unvaried(name, "it moves or turns the contact boundary")
     columns = {column: values[place] for column, values in read.columns.items()}
     gap = effects.distance(columns, len(place))
     # the geometry's part of a pair's gap stays
     more = np.where(rigid, 0.0, gap - effects.distance(boundary.columns, len(place)))
     if boundary.axisymmetric and len(np.unique(more[~rigid])) > 1:  # rows there are means of nodes
-        raise InputError(f"a study cannot vary {name.upper()} in a body of revolution: it changes "
-                         "pairGap, and unlike from place to place")
+        raise unvaried(name, "it changes pairGap of a body of revolution, and unlike from place to "
+                             "place")
     value = dataclasses.replace(boundary, columns=columns, gap=gap)
     motion = effects.motion(value, gap)
     joint = np.flatnonzero(boundary.coupled & rigid)  # beside an axis: rows of several nodes
@@ -208,7 +206,7 @@ def _follow(name: str, effects, operator, value, pairs: list) -> None:
     read = merge_parts(table, list(value.contact.columns), pairs, effects.one_node_a_vertex)
     if not (np.array_equal(read.gid, old.nodes.gid)
             and np.allclose(read.weight, old.nodes.weight, rtol=1e-9)):
-        raise InputError(f"a study cannot vary {name.upper()}: it moves the contact boundary")
+        raise unvaried(name, "it moves the contact boundary")
     nodes = dataclasses.replace(old.nodes, columns=read.columns)
     gap = effects.distance(read.columns, len(read.gid))
     motion = effects.motion(nodes, gap)

@@ -260,11 +260,30 @@ def test_loads_that_no_value_changes_are_one_pattern(built):
     assert np.array_equal(loads.history(1, base, wide).factors[:, 1], base.factors[:, 0])
 
 
+def test_a_value_that_changes_the_mesh_is_refused_with_what_to_do(tmp_path):
+    """One export does not do: driver.run in a loop does."""
+    path = tmp_path / "wide.edp"
+    path.write_text("""include "scene.idp"
+real wide = physical("wide", 2.);
+body = square(2, int(wide), [wide*x, y]);
+macro young() 1000. //
+macro poisson() 0.3 //
+macro support() on(3, u1 = 0., u2 = 0.) //
+macro load1() traction(2, 1., -1.) //
+macro contact() 1 //
+macro friction() 0.3 //
+include "export.idp"
+""")
+    with pytest.raises(InputError, match="a study cannot vary WIDE: it .*; sweep it by driver.run"):
+        study.make_study({"scene": str(path), "wide": "2,3", "quiet": "yes",
+                          "out": str(tmp_path / "out")})
+
+
 def test_a_value_that_moves_a_support_is_refused(variant, tmp_path):
     path = variant("moved", ("macro amplitude1(t)", """real side = physical("side", 2.);
 macro displacement1() on(int(side), u2 = -1e-4) //
 macro amplitude1(t)"""))
-    with pytest.raises(InputError, match="SIDE: it changes where displacements are prescribed"):
+    with pytest.raises(InputError, match="changes where displacements are prescribed; sweep it"):
         study.make_study({"scene": str(path), "side": "2,3", "steps": "2", "quiet": "yes",
                           "out": str(tmp_path / "out"), "cells": "2"})
 
