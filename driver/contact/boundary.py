@@ -98,6 +98,7 @@ class ContactBoundary:
     axisymmetric: bool = False
     motion: object = None  # the ObstacleMotion; None: obstacles stand still
     joined: int = 0
+    periods: np.ndarray | None = None  # (d, 2) by which what pairs meet repeats itself
     # where contact follows the motion: what finds it about other displacements (following.py), the
     # covered part (n_c,) of the nodes' weights, and the time that it belongs to
     following: object = None
@@ -339,6 +340,6 @@ class FoundNodes:
             nodes.family[order], nodes.meeting, self.middles[order], *terms,
             guided[order], none, none.copy(),
             position[along.edges[~paired[along.edges].any(axis=1)]], clamped,
-            about=sides and sides.about, axisymmetric=self.axisymmetric,
-            motion=motion and motion.of(order), following=following,
-            covered=None if covered is None else covered[order])
+            about=sides and sides.about, periods=sides and sides.periods,
+            axisymmetric=self.axisymmetric, motion=motion and motion.of(order),
+            following=following, covered=None if covered is None else covered[order])

@@ -160,7 +160,7 @@ def _rows(joint: Joint, edges: Edges, crossing: np.ndarray, fixed: np.ndarray,
     counts within the part.
     """
     one, two = edges.of(joint.first), edges.of(joint.second)
-    shift = _translation(joint, one, two, revolved) if joint.periodic else np.zeros(2)
+    shift = translation(joint, one, two, revolved) if joint.periodic else np.zeros(2)
     side = two.side(shift, revolved)
     pieces, corners = one.smooth_pieces()
     crossing, longest = np.append(crossing, corners), max(one.lengths.max(), two.lengths.max())
@@ -219,7 +219,7 @@ def _words(joint: Joint) -> str:
     return f"the {kind} {joint.first} and {joint.second}"
 
 
-def _translation(joint: Joint, one: Edges, two: Edges, revolved: bool) -> np.ndarray:
+def translation(joint: Joint, one: Edges, two: Edges, revolved: bool) -> np.ndarray:
     """(2,) by which the second side is to be moved onto the first one.
 
     Raises InputError where the sides are no translates of one another.

@@ -14,7 +14,6 @@ COARSE = 0.01  # RTOL beyond which forces are guesses; FRICTION_RTOL: ten times 
 FAR = 3.0  # times the size of the largest body
 APART = 0.5  # of that size, from which on a declared distance is seldom meant
 SLIDES = 1e-6  # part of the largest slip that is one
-FACES = 0.5  # part of a node's dual segment below which it faces nothing
 OVERLAP, FACETS = 1e-3, 0.05  # of the boundary's size, of a dual segment: what facets may overlap
 
 
@@ -119,37 +118,6 @@ def held_inside(record) -> list[str]:
             f"it meets, by {deep:.2g} in step {step + 1}: pressures and forces beside it grow with "
             "every finer mesh; let the support end before the contact label, or move it with the "
             "obstacle"]
-
-
-def beyond_period(structure, joints, pairs, comm) -> list[str]:
-    """A sentence if an end of a contact pair on a periodic side faces nothing: neither boundary
-    goes on beyond it.
-
-    `joints` as Effects has them, `pairs` the labels of contact pairs; contact is that at last.
-    Collective.
-    """
-    sides = [label for joint in joints if joint.periodic for label in (joint.first, joint.second)]
-    if not sides or not len(pairs):
-        return []
-    ends, contact = {}, structure.contact.declared
-    for sub in structure.subdomains:
-        on = [np.unique(sub.edges[np.isin(sub.edge_label, labels)][:, :2])
-              for labels in (np.unique(pairs), sides)]
-        for node in np.intersect1d(*on):
-            ends[int(sub.node_gid[node])] = sub.xy[node].tolist()
-    meets = contact.paired & ~contact.idle
-    if contact.covered is not None:
-        meets &= contact.covered >= FACES
-    takes = meets[contact.term_node] & (contact.term_value != 0)
-    met = {*contact.gid[meets].tolist(), *contact.term_gid[takes].tolist()}
-    alone = sorted(place for part in comm.allgather(ends) for gid, place in part.items()
-                   if gid not in met)
-    if not alone:
-        return []
-    x, y = alone[0]
-    return [f"the end ({x:.4g}, {y:.4g}) of a contact pair lies on a periodic side and faces "
-            "nothing: contact does not go on beyond the period, as it should; let both bodies "
-            "begin and end at the same places, and give them several periods where they slide far"]
 
 
 def _half_rough(b: ContactBoundary) -> list[str]:

@@ -210,8 +210,6 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
                 *omissions.far_gaps(structure, problem.effects.rooms),
                 *omissions.support_jumps(structure.support_jumps),
                 *omissions.without_wear(writer.record), *omissions.held_inside(writer.record),
-                *omissions.beyond_period(structure, problem.effects.joints,
-                                         manifest.contact_pairs, problem.operator.comm),
                 *(writer.probes.warnings if writer.probes else [])]
     if optional.get("validity") and optional["validity"]["verdict"] != "ok":
         doubt = optional["validity"]
