@@ -98,7 +98,7 @@ class ContactBoundary:
     axisymmetric: bool = False
     motion: object = None  # the ObstacleMotion; None: obstacles stand still
     joined: int = 0
-    periods: np.ndarray | None = None  # (d, 2) by which what pairs meet repeats itself
+    periods: object = None  # Periods of periods.py, by which what pairs meet repeats itself
     # where contact follows the motion: what finds it about other displacements (following.py), the
     # covered part (n_c,) of the nodes' weights, and the time that it belongs to
     following: object = None

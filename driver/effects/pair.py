@@ -35,7 +35,7 @@ class PairSides:
 
     def __init__(self, manifest, subdomains: list[Subdomain], fixed, comm, moved=None):
         labels, self.fixed, self.about = np.unique(manifest.contact_pairs), fixed, None
-        self.periods = None  # (d, 2) by which bodies repeat themselves, see contact/periods.py
+        self.periods = None  # Periods by which bodies repeat themselves
         self.at_first = {}  # by labels the nodal normals at first, shared by all that are displaced
         self.axisymmetric = manifest.axisymmetric
         self.nodes = n = 2 if manifest.element == "P1" else 3  # of an edge
@@ -92,9 +92,8 @@ class PairSides:
         second, others, two, *_ = self._side(other_labels)
         within = reach
         if self.periods is not None:
-            from ..contact.periods import repeated  # here: few scenes need it
-
-            second, times = repeated(second, first.xy, self.periods)
+            first.same = self.periods.same_of(gids)
+            second, times = self.periods.repeated(second, first.xy)
             others, two = np.tile(others, times), np.tile(two, times)
             within = np.inf if reach is None else reach  # of images the nearest
         able = mortar.meets(one, two, pairs)
@@ -115,6 +114,8 @@ class PairSides:
             lost, guided = lost_and_guided(first, second, (gids, others), self.fixed[0], normal,
                                            rubbing, able, within)
             lost &= ~tip
+            if self.periods is not None:
+                lost |= np.isin(gids, self.periods.gids)
             if without is not None:
                 lost[places] |= without
             held = held_nodes(gids, self.fixed[0]) | tip | lost

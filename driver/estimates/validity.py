@@ -214,9 +214,7 @@ class Validity:
         edges = self.structure.outer_edges
         ends, periods = edges[np.isin(edges[:, 2], labels), :2], self.boundary.periods
         if periods is not None:
-            from ..contact.periods import with_images  # here: few scenes need it
-
-            ends, place, moved = with_images(ends, place, moved, xy, periods)
+            ends, place, moved = periods.with_images(ends, place, moved, xy)
         start, end = ends.T
         own = self.boundary.normal[touching]
         _, near = true_distance.nearest((place[start] + place[end]) / 2, xy, xy)

@@ -33,10 +33,10 @@ def build(manifest: Manifest, subdomains: list[Subdomain], first: int, comm,
         ends = SupportEnds(fixed, skeleton, manifest)
         fixed, jumps = ends.fixed, ends.jumps
     sides = effects.paired_sides(subdomains, fixed, comm, moved)
-    if sides is not None and any(joint.periodic for joint in effects.joints):
-        from ..contact.periods import translations  # here: few scenes need it
+    if sides is not None and effects.joints:
+        from ..contact.periods import Periods  # here: few scenes need them
 
-        sides.periods = translations(effects.joints, manifest, subdomains, comm)
+        sides.periods = Periods.of(effects.joints, manifest, subdomains, comm)
     with shared_labels.explained(manifest, subdomains, skeleton, comm):
         contact = contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm, sides)
     structure = number(manifest, subdomains, first, skeleton, fixed, contact, comm,

@@ -225,7 +225,7 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
     if structure.contact.declared.motion is not None:
         optional["obstacle_motion"] = _motions(structure.contact.declared)
     if structure.contact.periods is not None:
-        optional["periods"] = structure.contact.periods.tolist()
+        optional["periods"] = structure.contact.periods.ways.tolist()
     if writer.history_rows:
         optional["quantities"], index = writer.record.quantities()
         optional["quantities_time"] = writer.history_rows[index]["time"]

@@ -385,7 +385,7 @@ def test_layers_slide_for_ever(solved, scene, start, far, following, options):
     stiff = [E * (1 - nu) / ((1 + nu) * (1 - 2 * nu)) for E, nu in ((100, 0.3), (300, 0.2))]
     pressure = 0.02 / sum(2 / modulus for modulus in stiff)
     sigma_n, sigma_t = (run.contact[name][-1] for name in ("sigma_n", "sigma_t"))
-    assert len(sigma_n) > 8 and not run.summary["warnings"]
+    assert len(sigma_n) > 6 and not run.summary["warnings"]
     np.testing.assert_allclose(sigma_n, -pressure, rtol=1e-9)
     np.testing.assert_allclose(sigma_t, -np.sign(far) * 0.3 * pressure, rtol=1e-9)
 
@@ -404,6 +404,22 @@ def test_where_layers_begin_does_not_matter(solved, scene):
     for name in ("sigma_n", "sigma_t"):
         np.testing.assert_allclose(other[name], one[name], atol=1e-3 * np.abs(one[name]).max())
     assert runs[1].summary["validity"]["largest_normal_error"] < 1e-3  # 3e-3 of the layer alone
+
+
+@pytest.mark.some(1)
+def test_contact_where_the_period_ends_is_that_within(solved, scene):
+    """The crest of the layer that carries the contact nodes at both its ends, and in the middle.
+
+    They are one place: resultants agree to 1e-3, lengths and peaks to 2 %, a fifth of a side and
+    what a parabola through three nodes may be off by. With conditions of their own at the ends peaks are
+    off by 16 % and more, without the mean normal of what takes them over by 28 %.
+    """
+    text = layers("40", "0.08").replace("3, 11 //", "11, 3 //").replace("square(10", "square(40")
+    one, other = (solved(scene(text), steps=4, start=start, far=0.05, **TIGHT).summary
+                  for start in (2.0, 4.0))
+    for name, part in (("normal_resultant", 1e-3), ("tangential_resultant", 1e-3),
+                       ("contact_length", 0.02), ("peak_pressure", 0.02)):
+        assert one["quantities"][name] == pytest.approx(other["quantities"][name], rel=part), name
 
 
 def test_bodies_in_contact_have_one_period(solved, scene):
