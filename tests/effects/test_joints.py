@@ -411,8 +411,8 @@ def test_contact_where_the_period_ends_is_that_within(solved, scene):
     """The crest of the layer that carries the contact nodes at both its ends, and in the middle.
 
     They are one place: resultants agree to 1e-3, lengths and peaks to 2 %, a fifth of a side and
-    what a parabola through three nodes may be off by. With conditions of their own at the ends peaks are
-    off by 16 % and more, without the mean normal of what takes them over by 28 %.
+    what a parabola through three nodes may be off by. With conditions of their own at the ends
+    peaks are off by 16 % and more, without the mean normal of what takes them over by 28 %.
     """
     text = layers("40", "0.08").replace("3, 11 //", "11, 3 //").replace("square(10", "square(40")
     one, other = (solved(scene(text), steps=4, start=start, far=0.05, **TIGHT).summary
