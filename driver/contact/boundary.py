@@ -98,6 +98,8 @@ class ContactBoundary:
     axisymmetric: bool = False
     motion: object = None  # the ObstacleMotion; None: obstacles stand still
     joined: int = 0
+    # (k, 2) gids of nodes that a period of the body makes one place, see joints.py
+    repeated: np.ndarray = field(default_factory=lambda: np.empty((0, 2), int))
     # where contact follows the motion: what finds it about other displacements (following.py), the
     # covered part (n_c,) of the nodes' weights, and the time that it belongs to
     following: object = None
@@ -146,6 +148,15 @@ class ContactBoundary:
         """Whether another boundary of the same nodes has the same rows, to the last bit."""
         return all(np.array_equal(getattr(self, name), getattr(other, name))
                    for name in ("normal", "covered", *TERMS))
+
+    @property
+    def image(self) -> np.ndarray:
+        """(n_c,) gid of the node that a period makes one place with this one; -1: there is none."""
+        image = np.full(len(self.gid), -1)
+        for one, other in (self.repeated.T, self.repeated.T[::-1]):
+            for gid, at in zip(one, other):
+                image[self.gid == gid] = at
+        return image
 
     @property
     def motion_of_all_times(self):
@@ -245,8 +256,8 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm,
     if joints := effects.joints:
         from .joints import appended, joint_rows  # here: few scenes need them
 
-        rows = joint_rows(boundary, joints, manifest, subdomains, fixed, comm)
-        boundary = appended(boundary, rows)
+        rows, repeated = joint_rows(boundary, joints, manifest, subdomains, fixed, comm)
+        boundary = replace(appended(boundary, rows), repeated=repeated)
         if following is not None:
             following.joints = rows
     return boundary

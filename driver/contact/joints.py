@@ -127,8 +127,10 @@ def boundary_edges(subdomains, labels, nodes: int, comm) -> Edges:
                  table[:, 1 + nodes:].reshape(-1, nodes, 2))
 
 
-def joint_rows(boundary, joints: list[Joint], manifest, subdomains, fixed, comm) -> list[dict]:
-    """The rows of `joints`, for `appended` to a ContactBoundary; collective.
+def joint_rows(boundary, joints: list[Joint], manifest, subdomains, fixed,
+               comm) -> tuple[list[dict], np.ndarray]:
+    """The rows of `joints`, for `appended` to a ContactBoundary, and gids (k, 2) of contact nodes
+    that periods make one place; collective.
 
     `fixed` as fixed_dofs of feti returns it. Raises InputError for boundaries that cannot be
     joined.
@@ -139,8 +141,10 @@ def joint_rows(boundary, joints: list[Joint], manifest, subdomains, fixed, comm)
     known = {label: np.unique(edges.of(label).gid) for label in labels}
     taken = np.unique(boundary.gid)
     chain = boundary.chain.max(initial=-1) + 1
-    parts = []
+    parts, repeated = [], [np.empty((0, 2), int)]
     for joint in joints:
+        if joint.periodic:
+            repeated.append(_repeated(joint, edges, boundary, manifest.axisymmetric))
         others = [known[label] for other in joints for label in (other.first, other.second)
                   if other is not joint]
         crossing = np.unique(np.concatenate([taken, known[joint.second], *others]))
@@ -149,7 +153,19 @@ def joint_rows(boundary, joints: list[Joint], manifest, subdomains, fixed, comm)
             part["chain"] += chain
             chain = part["chain"].max(initial=chain - 1) + 1
         parts += rows
-    return parts
+    return parts, np.concatenate(repeated)
+
+
+def _repeated(joint: Joint, edges: Edges, boundary, revolved: bool) -> np.ndarray:
+    """(k, 2) gids of contact nodes on the two sides of a period that are one place of it."""
+    one, two = edges.of(joint.first), edges.of(joint.second)
+    shift = _translation(joint, one, two, revolved)
+    gids, first = np.unique(boundary.gid, return_index=True)
+    ends = [np.isin(gids, side.gid) for side in (one, two)]
+    place = [boundary.xy[first[end]] for end in ends]
+    away = np.linalg.norm(place[0][:, None] - place[1][None] - shift, axis=2)
+    of_one, of_two = np.nonzero(away <= CONGRUENT * one.lengths.sum())
+    return np.column_stack([gids[ends[0]][of_one], gids[ends[1]][of_two]])
 
 
 def _rows(joint: Joint, edges: Edges, crossing: np.ndarray, fixed: np.ndarray,
