@@ -206,6 +206,12 @@ class ContactBoundary:
         return bool(abs(slope) <= LEVEL * abs(far) + STRAIGHT)
 
     @property
+    def behind(self) -> np.ndarray:
+        """(n_c,) distance by which pairGap has the surface behind the boundary as it is drawn."""
+        declared = self.columns.get("gap", np.zeros(len(self.gid)))
+        return np.where(self.paired, np.maximum(declared, 0.0), 0.0)
+
+    @property
     def paired(self) -> np.ndarray:
         """(n_c,) whether the node meets another body."""
         return self.family > 0
