@@ -25,13 +25,13 @@ ASKEW = 0.01  # sine of the angle from which on two directions are two
 
 @dataclass(frozen=True)
 class Periods:
-    """The `ways` (d, 2), d = 1 or 2, by which bodies repeat themselves, and the `gids` (k,) of the
-    nodes on their periodic sides; `same` (m, 2) those of two nodes in one place.
+    """The `gids` (k,) of nodes on periodic sides, `same` (m, 2) those of two in one place, and the
+    `ways` (d, 2), d = 1 or 2, by which bodies in pairs repeat themselves; without pairs d = 0.
     """
 
-    ways: np.ndarray
     gids: np.ndarray
     same: np.ndarray
+    ways: np.ndarray
 
     @classmethod
     def of(cls, joints: list, manifest, subdomains, comm) -> "Periods | None":
@@ -49,9 +49,9 @@ class Periods:
             one, two = edges.of(joint.first), edges.of(joint.second)
             way = translation(joint, one, two, manifest.axisymmetric)
             same.append(_in_one_place(one, two, way))
-            if _is_new(way, ways):
+            if manifest.contact_pairs and _is_new(way, ways):
                 ways = np.vstack([ways, way])
-        return cls(ways, np.unique(edges.gid), np.concatenate(same))
+        return cls(np.unique(edges.gid), np.concatenate(same), ways)
 
     def same_of(self, gids: np.ndarray) -> np.ndarray:
         """(k, 2) which of the nodes `gids` (n,) are in one place."""

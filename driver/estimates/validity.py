@@ -120,8 +120,8 @@ class Validity:
             return
         if len(self.boundary.gid):
             self._check_contact(step, state, place, moved)
-        passed = (state[ContactField.U_N] - self.boundary.at(step.time).gap)[self.boundary.paired]
-        self._check_overlaps(step, place, moved, passed.max(initial=0.0))
+        passed = state[ContactField.U_N] - self.boundary.at(step.time).gap + self.boundary.behind
+        self._check_overlaps(step, place, moved, passed[self.boundary.paired].max(initial=0.0))
 
     def _check_deformation(self, step, fields) -> None:
         """Strains and rotations of all triangles, with those that supports prescribe to bodies."""
@@ -268,7 +268,7 @@ class Validity:
 
     # ---- overlaps --------------------------------------------------------------------------------
     def _check_overlaps(self, step, place, moved, passed: float) -> None:
-        """`passed`: how far rough or worn surfaces pass through each other, also at their ends."""
+        """`passed`: how far surfaces of pairs pass through each other, as drawn, to their ends."""
         edges = self.structure.outer_edges
         start, end = (place + moved)[edges[:, :2]].transpose(1, 0, 2)
         body = self.body[edges[:, 0]]

@@ -33,12 +33,16 @@ def build(manifest: Manifest, subdomains: list[Subdomain], first: int, comm,
         ends = SupportEnds(fixed, skeleton, manifest)
         fixed, jumps = ends.fixed, ends.jumps
     sides = effects.paired_sides(subdomains, fixed, comm, moved)
-    if sides is not None and effects.joints:
+    periods = None
+    if effects.joints:
         from ..contact.periods import Periods  # here: few scenes need them
 
-        sides.periods = Periods.of(effects.joints, manifest, subdomains, comm)
+        periods = Periods.of(effects.joints, manifest, subdomains, comm)
+    if sides is not None:
+        sides.periods = periods
     with shared_labels.explained(manifest, subdomains, skeleton, comm):
-        contact = contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm, sides)
+        contact = contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm, sides,
+                                   periods)
     structure = number(manifest, subdomains, first, skeleton, fixed, contact, comm,
                        effects.frictional, effects.compliance(contact))
     structure.support_jumps = jumps

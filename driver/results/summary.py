@@ -224,7 +224,7 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
         optional["cycles"] = _cycles(solver.cycles, writer.cycle_rows)
     if structure.contact.declared.motion is not None:
         optional["obstacle_motion"] = _motions(structure.contact.declared)
-    if structure.contact.periods is not None:
+    if structure.contact.periods is not None and len(structure.contact.periods.ways):
         optional["periods"] = structure.contact.periods.ways.tolist()
     if writer.history_rows:
         optional["quantities"], index = writer.record.quantities()

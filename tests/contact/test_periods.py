@@ -11,7 +11,7 @@ from driver.errors import InputError
 
 def of(*ways) -> Periods:
     """Periods without nodes."""
-    return Periods(np.array(ways, float), np.zeros(0, int), np.zeros((0, 2), int))
+    return Periods(np.zeros(0, int), np.zeros((0, 2), int), np.array(ways, float))
 
 
 @pytest.mark.parametrize("ways, start, far, moves", [
@@ -53,7 +53,7 @@ def test_nodes_in_one_place_have_one_normal():
     side = Side(np.array([[0.0, 0], [1, 0.1], [2, 0]]), np.array([[1, 0], [2, 1]]),
                 np.array([[-0.1, 1], [0.1, 1]]) / np.hypot(0.1, 1))
     np.testing.assert_allclose(side.nodal_normals()[0], side.edge_normal[0])
-    known = Periods(np.array([[2.0, 0]]), np.array([7, 9]), np.array([[9, 7]]))
+    known = Periods(np.array([7, 9]), np.array([[9, 7]]), np.array([[2.0, 0]]))
     side.same = known.same_of(np.array([7, 8, 9]))
     assert side.same.tolist() == [[2, 0]] and not len(known.same_of(np.array([8, 9])))
     np.testing.assert_allclose(side.nodal_normals(), [[0, 1]] * 3, atol=1e-15)
