@@ -1,9 +1,13 @@
 """Tables and JSON as files that appear whole, written under a hidden name; reading files."""
 
 import csv
+import io
 import json
+import zlib
 from contextlib import contextmanager
 from pathlib import Path
+
+from .errors import InputError
 
 FIGURES = ("geometry", "loading", "deformed", "contact_zoom", "contact_normal",
            "contact_tangential", "contact_status", "force_displacement", "cycles", "history",
@@ -71,14 +75,17 @@ def read_rows(path: Path) -> list[dict[str, str]]:
 def read_table(path: Path) -> dict | None:
     """Columns of a CSV file as arrays (rows,); None if the file is absent or has no rows.
 
-    A column is of numbers, empty ones being NaN, if all its entries are; else of texts.
+    A column is of numbers, empty ones being NaN, if all its entries are; else of texts. Raises
+    InputError where the file has been cut off.
     """
     import numpy as np  # here: most of what imports this module reads no tables
 
     if not path.exists():
         return None
-    with open(path, newline="") as file:
-        names, *rows = csv.reader(file)
+    text = path.read_bytes().decode()
+    names, *rows = [row for row in csv.reader(io.StringIO(text, newline="")) if row] or [[]]
+    if not text.endswith("\n") or any(len(row) != len(names) for row in rows):
+        raise damaged(path, "it is cut off")
     columns = {}
     for name, texts in zip(names, zip(*rows)):
         try:
@@ -88,17 +95,46 @@ def read_table(path: Path) -> dict | None:
     return columns or None
 
 
+def damaged(path: Path, reason) -> InputError:
+    """The error of a file of a finished run that is not as the run has left it."""
+    return InputError(f"{path} is damaged ({reason}): run the scene again")
+
+
+@contextmanager
+def whole(path: Path, *errors):
+    """A block that reads a file of fields, which may have been deleted or cut off.
+
+    `errors`: exceptions besides Python's own that its reader raises.
+    """
+    try:
+        yield
+    except FileNotFoundError:
+        raise InputError(f"{path} is missing: run the scene again") from None
+    except (OSError, SyntaxError, zlib.error, ValueError, LookupError, TypeError, AttributeError,
+            AssertionError, *errors) as problem:  # errors of XML are of syntax
+        raise damaged(path, str(problem) or "it is cut off") from None
+
+
 def read_fields(path: Path):
-    """The meshio.Mesh of a VTU file, or of all pieces that a PVTU file names, in their order."""
+    """The meshio.Mesh of a VTU file, or of all pieces that a PVTU file names, in their order.
+
+    Raises InputError where one has been deleted or cut off.
+    """
     from xml.etree import ElementTree
 
     import meshio
     import numpy as np
 
+    # not meshio.read, which prints what is wrong with a file and ends the program
     if path.suffix != ".pvtu":
-        return meshio.read(path)
-    pieces = [meshio.read(path.parent / piece.get("Source"))
-              for piece in ElementTree.parse(path).iter("Piece")]
+        with whole(path, meshio.ReadError):
+            return meshio.vtu.read(path)
+    pieces = []
+    with whole(path):
+        names = [piece.get("Source") for piece in ElementTree.parse(path).iter("Piece")]
+    for name in names:
+        with whole(path.parent / name, meshio.ReadError):
+            pieces.append(meshio.vtu.read(path.parent / name))
     start = np.cumsum([0, *(len(piece.points) for piece in pieces)])
     kind = pieces[0].cells[0].type
     cells = np.concatenate([piece.cells[0].data + first for piece, first in zip(pieces, start)])

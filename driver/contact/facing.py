@@ -63,7 +63,7 @@ def facing_parts(first: Side, normal: np.ndarray, second: Side, able: np.ndarray
         place = first.xy[first.edges[covered.argmax()]].mean(axis=0)
         raise SeveralPlaces(
             f"contact pair: the boundary near ({place[0]:g}, {place[1]:g}) faces several places of "
-            "the other side; label only the parts that can meet")
+            "the other side; give parts that meet different places labels and pairs of their own")
     order = np.lexsort((start, e))
     return e[order], o[order], start[order], stop[order]
 

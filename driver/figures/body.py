@@ -32,6 +32,7 @@ SMALL = 0.12  # a contact of this part of the size has a picture of its own
 BAR = 40  # length of the bar of colours over its thickness
 INSIDE = 1e-6  # of the size: so far inside a body a vertex is told from another body's
 ROOM = 3.0  # width of that picture over the length of the contact
+BESIDE = (0.4, 0.6, 0.3, 0.7, 0.2, 0.8, 0.1, 0.9)  # of a body's length, where names may stand
 
 
 def magnification(run: Run, mesh: Mesh | None = None, size: float | None = None) -> float:
@@ -105,7 +106,6 @@ def draw_deformed(figure: Figure, run: Run, mesh: Mesh, times: float, top: float
     if box is not None:
         shown = box * scale.factor
     draw_obstacles(axes, run, mesh.time, size, scale.factor, shown, times=times)
-    _name_materials(axes, run, mesh, moved)
     handles += more(axes, run, mesh, moved) if more else []
     axes.autoscale_view()
     if box is not None:
@@ -118,6 +118,7 @@ def draw_deformed(figure: Figure, run: Run, mesh: Mesh, times: float, top: float
     title = f"Deformed {_plural(mesh)}{run.at(mesh.time)}, {_magnified(times)}"
     run_header(figure, run, title, handles, _overlapping(run))
     shrink_to_body(figure, axes)
+    _name_materials(axes, run, mesh, moved)
 
 
 def _plural(mesh: Mesh) -> str:
@@ -175,14 +176,37 @@ def _images(axes, rim: np.ndarray, periods: np.ndarray) -> Line2D:
 
 
 def _name_materials(axes, run: Run, mesh: Mesh, moved: np.ndarray) -> None:
-    """The names of the bodies' materials, each in the middle of its body, where they are given."""
-    middle = moved[mesh.triangles].mean(axis=1)
+    """The names of the bodies' materials, where they are given: each in the middle of its body, or
+    beside it where another name is there. The figure has its final size.
+    """
+    middle, taken = moved[mesh.triangles].mean(axis=1), []
     for row in run.summary.get("materials", []):
         own = middle[mesh.body == row["body"] - 1]
-        if len(own):
-            nearest = own[np.linalg.norm(own - own.mean(axis=0), axis=1).argmin()]
-            axes.annotate(row["name"], nearest, color=INK, ha="center", va="center", fontsize=8,
-                          bbox={"fc": "white", "ec": "none", "alpha": 0.7, "pad": 1.0})
+        if not len(own):
+            continue
+        name = axes.annotate(row["name"], own[0], color=INK, ha="center", va="center", fontsize=8,
+                             bbox={"fc": "white", "ec": "none", "alpha": 0.7, "pad": 1.0})
+        boxes = []
+        for place in _inside(own):
+            name.xy = place
+            name.set_position(place)
+            boxes.append((place, name.get_window_extent()))
+            if not any(boxes[-1][1].overlaps(box) for box in taken):
+                break
+        else:
+            name.xy = boxes[0][0]
+            name.set_position(boxes[0][0])
+        taken.append(name.get_window_extent())
+
+
+def _inside(own: np.ndarray) -> list[np.ndarray]:
+    """Places in a body with these centres of triangles: in the middle, then along its length."""
+    wanted = [own.mean(axis=0)]
+    far = np.ptp(own, axis=0).argmax()
+    for part in BESIDE:
+        wanted.append(np.median(own[np.abs(own[:, far] - np.quantile(own[:, far], part)).argsort()
+                                    [: max(1, len(own) // 10)]], axis=0))
+    return [own[np.linalg.norm(own - place, axis=1).argmin()] for place in wanted]
 
 
 def _stress(figure: Figure, axes, run: Run, mesh: Mesh, moved: np.ndarray, wide: bool,

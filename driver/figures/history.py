@@ -10,7 +10,8 @@ from .scales import energy_scale, force_scale, length_scale
 from .style import BLUE, GREEN, INCH, INK, ORANGE, RED
 
 FAINT = 0.15  # a force less than this part of the other has a panel of its own
-NOTHING = 1e-9  # part of the largest force, or of its work, that is rounding
+NOTHING = 1e-6  # part of the largest force that the solver's tolerances leave open
+IDLE = 1e-9  # part of its work that is rounding
 MANY = 80  # steps, from which on their markers run together
 HEADROOM = 1.1  # height of a panel over its largest value
 WORDS = {"shift_x": "shift in $x$", "shift_y": "shift in $y$", "angle": "angle",
@@ -74,7 +75,7 @@ def history(figure: Figure, run: Run) -> None:
     were some, small.
 
     Pressing forces are positive. A tangential force that is small beside them has its own panel,
-    unless it is rounding: that is drawn as zero.
+    unless it is what tolerances leave: that is drawn as zero.
     """
     table = run.history
     boundaries = len(run.summary.get("boundaries", []))
@@ -95,7 +96,7 @@ def history(figure: Figure, run: Run) -> None:
         handles += _forces(next(rest), run, table["time"], group)
     _over_time(next(rest), table, "contact_length", length_scale, run, "length in\ncontact")
     if run.friction:
-        rounding = NOTHING * largest.max() * table["max_displacement"].max()
+        rounding = IDLE * largest.max() * table["max_displacement"].max()
         _over_time(next(rest), table, "dissipated", energy_scale, run, "work of\nfriction",
                    rounding)
     if iterations:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from ..files import read_fields, read_table
+from ..files import read_fields, read_table, whole
 
 TABLES = ("history", "contact", "convergence", "boundary", "adaptivity", "probes",
           "obstacle", "cycles")
@@ -107,10 +107,12 @@ def read_mesh(path: Path, time: float) -> Mesh:
 
 def field_files(directory: Path) -> list[tuple[float, Path]]:
     """Time and file of every step that fields.pvd names, in their order."""
-    if not (directory / "fields.pvd").exists():
+    path = directory / "fields.pvd"
+    if not path.exists():
         return []
-    return [(float(entry.get("timestep")), directory / entry.get("file"))
-            for entry in ElementTree.parse(directory / "fields.pvd").iter("DataSet")]
+    with whole(path):
+        return [(float(entry.get("timestep")), directory / entry.get("file"))
+                for entry in ElementTree.parse(path).iter("DataSet")]
 
 
 def read_run(directory: Path) -> Run:

@@ -37,6 +37,7 @@ SMALL = 1_500  # nodes up to which a run costs no more than the start of program
 SMOOTH = ("normal_resultant", "tangential_resultant", "displacement", "peak_pressure")
 PRESSED = ("normal_resultant", "peak_pressure")  # none of which is there where nothing touches
 DEPEND = ("peak_pressure", "contact_length")  # on the mesh, also where the loads give the force
+HALVED = 1.9  # ratio of sizes from which on elements are half as long, numbers of cells rounded
 GIVEN = 0.1  # of the request is the error of a force that hardly depends on the mesh
 QUADRATIC = {"element": "P2"}
 
@@ -197,8 +198,7 @@ class Search(Trials):
                                  "ask for another quantity")
             self._refuse_corners(entry)
             size = self._next(entry)
-            self._make(size, share(entry["total"], entry["value"]))
-            self.sizes.append(size)
+            self.sizes.append(self._made(size, share(entry["total"], entry["value"])))
 
     def _prepare(self) -> None:
         """Run two meshes, choose steps and tolerances on the second one; a third if it is needed.
@@ -301,8 +301,11 @@ class Search(Trials):
         nodes = self.levels.problem(**self.mesh(self.sizes[-1])).manifest.nodes
         return nodes * ratio(self.knob, self.sizes[-1], size) ** 2
 
-    def _make(self, size, reached: str) -> None:
-        """Have the problem of a finer mesh made. Raises NotConverged if it cannot be."""
+    def _made(self, size, reached: str) -> float:
+        """The size of a finer mesh, whose problem is made. Raises NotConverged if it cannot be.
+
+        With elements half as long where the scene rounds the size to that of the last mesh.
+        """
         demand = (f"{100 * self.asked:g} % of the {self.words} would take "
                   f"{name_of(self.knob, size)}")
         nodes = self._nodes(size)
@@ -313,10 +316,13 @@ class Search(Trials):
         except InputError as problem:
             reason = f"{demand}, which cannot be made ({problem}); reached: {reached}"
             raise NotConverged(reason) from None
-        if not self._refines(size):
-            raise NotConverged(f"{demand}, but the scene makes no finer mesh, or no finer contact "
-                               f"boundary, than at {name_of(self.knob, self.sizes[-1])}; reached: "
-                               f"{reached}")
+        if self._refines(size):
+            return size
+        if ratio(self.knob, self.sizes[-1], size) < HALVED:
+            return self._made(self._halved, reached)
+        raise NotConverged(f"{demand}, but the scene makes no finer mesh, or no finer contact "
+                           f"boundary, than at {name_of(self.knob, self.sizes[-1])}; reached: "
+                           f"{reached}")
 
     def others(self) -> str:
         """What to ask for where the request, of no quantity, was met by a force that hardly depends

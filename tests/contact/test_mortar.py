@@ -174,7 +174,8 @@ def test_places_that_face_several_others():
                 np.concatenate([near.edge_normal, far.edge_normal]))
     both.x = np.r_[near.x, far.x]
     none = np.zeros(5, bool)
-    with pytest.raises(InputError, match="several places of the other side"):
+    with pytest.raises(InputError, match="several places of the other side; give "
+                       "parts that meet different places labels and pairs of their own"):
         mortar.couple(first, both, none)
     found = mortar.couple(first, both, none, reach=2.0)
     np.testing.assert_allclose(found.gap, 0.5)

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import time
@@ -102,6 +103,18 @@ def test_no_finished_run_to_open(tmp_path):
     (tmp_path / "summary.json").write_text('{"scene": "mine"}')
     with pytest.raises(driver.DriverError, match="is not the summary of a run"):
         driver.open(tmp_path)
+
+
+def test_fields_that_are_cut_off_do_not_end_python(result, tmp_path):
+    """As meshio does that reads them: a notebook would be gone."""
+    copy = shutil.copytree(result.directory, tmp_path / "copy")
+    path = copy / "fields" / "step_0002.vtu"
+    path.write_bytes(path.read_bytes()[:3000])
+    opened = driver.open(copy)
+    assert opened.fields(1).step == 1
+    with pytest.raises(driver.DriverError, match="step_0002.vtu is damaged") as caught:
+        opened.fields(2)
+    assert caught.value.exit_status == 2
 
 
 def test_a_study_is_no_run_to_open(tmp_path):

@@ -258,7 +258,19 @@ def test_a_mesh_that_gets_no_finer_ends_a_search():
     search.levels = SimpleNamespace(problem=lambda **mesh: None, refines=lambda *meshes: False)
     search._nodes = lambda size: 100
     with pytest.raises(NotConverged, match=r"H=0.1, but the scene makes no finer mesh.* at H=0.25"):
-        search._make(0.1, "3 %")
+        search._made(0.1, "3 %")
+
+
+@pytest.mark.parametrize("wanted, size", [(0.2, 0.12), (0.15, 0.15)])
+def test_a_size_that_a_scene_rounds_away_is_halved(wanted, size):
+    """Elements of 0.25 and of 0.2 make the same number of sides, those of 0.12 twice as many."""
+    search = object.__new__(goal.Search)
+    search.knob, search.element, search.sizes, search.asked = "h", {}, [1.0, 0.5, 0.25], 0.01
+    search.name = "normal_resultant"
+    search.levels = SimpleNamespace(problem=lambda **mesh: None,
+                                    refines=lambda fine, coarse: fine["h"] < 0.8 * coarse["h"])
+    search._nodes = lambda size: 100
+    assert search._made(wanted, "3 %") == size
 
 
 @pytest.mark.parametrize("error, sizes, corners, ends", [

@@ -57,7 +57,7 @@ def test_regions_still_give_materials(solved, changed, tmp_path):
 @pytest.mark.parametrize("old, new, reason", [
     ('bodyMaterial("rubber", 4., 0.);\n', "", "body 2 has no material"),
     ('"rubber", 4., 0.', '"rubber", -4., 0.', "bodyMaterial of rubber"),
-    ('"rubber", 4., 0.', '"rubber", 4., 0.5', "bodyMaterial of rubber"),
+    ('"rubber", 4., 0.', '"rubber", 4., 0.5', "not 0.5: of a material that keeps its volume take"),
     ('subdomains("auto");', 'bodyMaterial("air", 1., 0.);', "after addBody"),
     ('bodyMaterial("rubber", 4., 0.);', 'bodyMaterial("a", 4., 0.); bodyMaterial("b", 4., 0.);',
      "twice for body 2"),

@@ -270,7 +270,8 @@ def test_names_of_freefem_are_what_the_library_has_undeclared():
     ("amplitude1(t) t", "amplitude1(t) sqrt(t - 0.5)", "amplitude1"),
     ("amplitude1(t) t", "amplitude1(t) 1./(t - 0.5)", "amplitude1"),
     ("young() 1000.", "young() 0./0.", "young"), ("young() 1000.", "young() 1e400", "young"),
-    ("poisson() 0.3", "poisson() 0.5", "poisson"),
+    ("poisson() 0.3", "poisson() 0.5", "region 0: of a material that keeps its volume take 0.4999"),
+    ("poisson() 0.3", "poisson() 0.51", "poisson = 0.51 is not between -1 and 0.5 in region 0"),
     ("friction() F", "friction() F*t", "'t'"),  # not where it is an argument
     ("friction() F", "friction() sqrt(x - 1)", "friction"), ("() F", "() 1e400", "friction"),
     # what has no meaning together
