@@ -60,7 +60,7 @@ def shown(path: Path) -> str:
 
 def percent(share: float) -> str:
     """A relative error, such as 0.012, in percent."""
-    return f"{100 * share:.2g}%" if abs(share) < 0.995 else f"{100 * share:.0f}%"
+    return f"{100 * share:.2g} %" if abs(share) < 0.995 else f"{100 * share:.0f} %"
 
 
 def change(value: float | None) -> str:
@@ -72,4 +72,4 @@ def change(value: float | None) -> str:
     if value >= 9:
         return f"×{1 + value:.0f}" if value < 9999 else f"×{1 + value:.0e}"
     digits = 0 if abs(value) >= 0.1 else 1 if abs(value) >= 0.01 else 2
-    return f"{100 * value:+.{digits}f}%"
+    return f"{100 * value:+.{digits}f} %"

@@ -98,6 +98,7 @@ class ContactBoundary:
     axisymmetric: bool = False
     motion: object = None  # the ObstacleMotion; None: obstacles stand still
     joined: int = 0
+    periods: object = None  # the Periods of periods.py; None: nothing repeats itself
     # where contact follows the motion: what finds it about other displacements (following.py), the
     # covered part (n_c,) of the nodes' weights, and the time that it belongs to
     following: object = None
@@ -148,6 +149,16 @@ class ContactBoundary:
                    for name in ("normal", "covered", *TERMS))
 
     @property
+    def image(self) -> np.ndarray:
+        """(n_c,) gid of the node that a period makes one place with this one; -1: there is none."""
+        image = np.full(len(self.gid), -1)
+        same = np.empty((0, 2), int) if self.periods is None else self.periods.same
+        for pair in same[np.isin(same, self.gid).all(axis=1)]:
+            for gid, at in (pair, pair[::-1]):
+                image[self.gid == gid] = at
+        return image
+
+    @property
     def motion_of_all_times(self):
         """The ObstacleMotion, also where contact follows it; None: obstacles stand still."""
         return (self.following or self).motion
@@ -195,6 +206,12 @@ class ContactBoundary:
         return bool(abs(slope) <= LEVEL * abs(far) + STRAIGHT)
 
     @property
+    def behind(self) -> np.ndarray:
+        """(n_c,) distance by which pairGap has the surface behind the boundary as it is drawn."""
+        declared = self.columns.get("gap", np.zeros(len(self.gid)))
+        return np.where(self.paired, np.maximum(declared, 0.0), 0.0)
+
+    @property
     def paired(self) -> np.ndarray:
         """(n_c,) whether the node meets another body."""
         return self.family > 0
@@ -212,12 +229,12 @@ class ContactBoundary:
         return np.column_stack([-self.normal[:, 1], self.normal[:, 0]])
 
 
-def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm,
-                     sides=None) -> ContactBoundary:
+def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm, sides=None,
+                     periods=None) -> ContactBoundary:
     """Contact nodes of all subdomains, the parts of a node's dual segment added up.
 
     `effects` are those of the scene, `sides` the boundaries that meet in pairs (effects/pair.py),
-    None without pairs. Raises InputError for contact on a label without nodes.
+    None without pairs, `periods` the Periods, None where nothing repeats itself. Raises InputError for contact on a label without nodes.
     """
     parts = [np.empty((0, 7 + len(manifest.columns)))]
     for sub in subdomains:
@@ -246,7 +263,7 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm,
         from .joints import appended, joint_rows  # here: few scenes need them
 
         rows = joint_rows(boundary, joints, manifest, subdomains, fixed, comm)
-        boundary = appended(boundary, rows)
+        boundary = replace(appended(boundary, rows), periods=periods)
         if following is not None:
             following.joints = rows
     return boundary

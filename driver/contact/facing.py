@@ -94,8 +94,8 @@ def _nearest_parts(first: Side, normal: np.ndarray, second: Side, e, o, start, s
     return tuple(np.concatenate(column) for column in zip(*parts))
 
 
-def _at(side: Side, normal: np.ndarray, e: np.ndarray,
-        xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def places(side: Side, normal: np.ndarray, e: np.ndarray,
+           xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(m, 2) places at xi (m,) on edges e (m,), and normals there, between those of the nodes."""
     a, b = side.edges[e, :2].T
     return (side.xy[a] + xi[:, None] * (side.xy[b] - side.xy[a]),
@@ -109,7 +109,7 @@ def _meets(first: Side, normal: np.ndarray, second: Side, e: np.ndarray, o: np.n
     Near the focus of the normals feet of the ends of o may lie on both sides of xi although o is
     elsewhere.
     """
-    x, n = _at(first, normal, e, xi)
+    x, n = places(first, normal, e, xi)
     c, d = second.xy[second.edges[o, 0]], second.xy[second.edges[o, 1]]
     return np.abs(cross(x - c, n) / cross(d - c, n) - 0.5) < 0.5 + 1e-6
 
@@ -124,7 +124,7 @@ def _from_outside(first: Side, normal: np.ndarray, second: Side, e: np.ndarray, 
     entered, the place is not in that body at all: as the back of a clip's lip, which sees the far
     side of the shaft through the lip. What is behind by less than half of the edge is not asked.
     """
-    place, n = _at(first, normal, e, xi)
+    place, n = places(first, normal, e, xi)
     n = n / np.linalg.norm(n, axis=1)[:, None]
     behind = -_along(place, n, *second.xy[second.edges[o, :2]].transpose(1, 0, 2))
     found = (n * second.edge_normal[o]).sum(axis=1) < 0
@@ -160,7 +160,7 @@ def _foot(first: Side, normal: np.ndarray, e: np.ndarray, point: np.ndarray) -> 
 
 def project(first: Side, normal: np.ndarray, second: Side, e, o, xi):
     """Coordinate eta on edge o, distance along the normal, and ds/dxi, seen from xi on edge e."""
-    x, n = _at(first, normal, e, xi)
+    x, n = places(first, normal, e, xi)
     n = n / np.linalg.norm(n, axis=1)[:, None]
     c, d = second.xy[second.edges[o, 0]], second.xy[second.edges[o, 1]]
     eta = np.clip(cross(x - c, n) / cross(d - c, n), 0.0, 1.0)

@@ -102,7 +102,7 @@ class Following:
 
             boundary = appended(boundary, self.joints)
         return replace(boundary, normal_row=first.normal_row, tangential_row=first.tangential_row,
-                       corners=first.corners)
+                       corners=first.corners, periods=first.periods)
 
     def _boundary(self, moved: np.ndarray, time: float) -> ContactBoundary:
         """The same without rows and corners."""

@@ -76,6 +76,12 @@ class Edges:
         _, first, count = np.unique(self.gid[:, :2], return_index=True, return_counts=True)
         return self.xy[:, :2].reshape(-1, 2)[first[count == 1]]
 
+    @property
+    def nodes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Gids (n,) of the nodes, in their order, and places (n, 2)."""
+        gids, first = np.unique(self.gid, return_index=True)
+        return gids, self.xy.reshape(-1, 2)[first]
+
     def of(self, label: int) -> "Edges":
         """Those with a label."""
         here = self.label == label
@@ -103,8 +109,8 @@ class Edges:
 
     def side(self, shift: np.ndarray, revolved: bool) -> tuple[Side, np.ndarray]:
         """The side that they make, moved by `shift` (2,), and the gids (n,) of its nodes."""
-        gids, first, inverse = np.unique(self.gid, return_index=True, return_inverse=True)
-        place = self.xy.reshape(-1, 2)[first] + shift
+        gids, inverse = np.unique(self.gid, return_inverse=True)
+        place = self.nodes[1] + shift
         radius = place[:, 0] if revolved else None
         curved = rises(self.xy) if self.xy.shape[1] == 3 else {}
         return Side(place, inverse.reshape(self.gid.shape), self.normals, curved.get("rise"),
@@ -160,7 +166,7 @@ def _rows(joint: Joint, edges: Edges, crossing: np.ndarray, fixed: np.ndarray,
     counts within the part.
     """
     one, two = edges.of(joint.first), edges.of(joint.second)
-    shift = _translation(joint, one, two, revolved) if joint.periodic else np.zeros(2)
+    shift = translation(joint, one, two, revolved) if joint.periodic else np.zeros(2)
     side = two.side(shift, revolved)
     pieces, corners = one.smooth_pieces()
     crossing, longest = np.append(crossing, corners), max(one.lengths.max(), two.lengths.max())
@@ -219,7 +225,7 @@ def _words(joint: Joint) -> str:
     return f"the {kind} {joint.first} and {joint.second}"
 
 
-def _translation(joint: Joint, one: Edges, two: Edges, revolved: bool) -> np.ndarray:
+def translation(joint: Joint, one: Edges, two: Edges, revolved: bool) -> np.ndarray:
     """(2,) by which the second side is to be moved onto the first one.
 
     Raises InputError where the sides are no translates of one another.

@@ -36,8 +36,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .facing import SLIVER, facing_parts, project
-from .side import POINT, WEIGHT, Side
+from .facing import SLIVER, facing_parts, places, project
+from .side import POINT, WEIGHT, Side, unit
 
 # part of an edge on which the multiplier is constant, at most; no fraction that meshes have by
 # design, where rounding would decide
@@ -80,7 +80,8 @@ def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None 
     A node of the first side that a support holds (`held`, (n,) bool) has no displacement to
     constrain: the next node's multiplier on the edge takes its part over, which keeps constant
     stress exact and the rows independent. So is it with nodes beyond the other side's end that have
-    next to nothing of it, see `_hardly_faces`. At `corners` ((n,) bool), where the boundary goes on
+    next to nothing of it, see `_hardly_faces`; the direction of what takes over is the mean of the
+    field of normals. At `corners` ((n,) bool), where the boundary goes on
     in another direction, the condition is that of the place alone: what a multiplier has else goes
     to the next node's. So both flanks of a corner that lies in one have the same condition, however
     the meshes meet, instead of two that hardly differ.
@@ -91,7 +92,8 @@ def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None 
     heir = _heirs(first.edges, whole)
     gives = held[first.edges] | _hardly_faces(first.edges, e, start, stop) & ~held[heir]
     rows = np.where(gives, heir, first.edges)
-    weight, length, gap = np.zeros(n), np.zeros(n), np.zeros(n)
+    heirs = np.unique(heir[gives])
+    weight, length, gap, direction = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((n, 2))
     along = 1.0
     if first.rise is not None:
         force, whole_length = first.uniform()
@@ -111,6 +113,7 @@ def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None 
                 part = part * first.ring(e, xi)
             np.add.at(weight, row, part)
             np.add.at(gap, row, part * distance)
+            np.add.at(direction, row, part[:, None] * places(first, normal, e, xi)[1])
             for side, edges, shapes in ((0, first.edges[e], own), (1, second.edges[o], others)):
                 sign = 1.0 if side == 0 else -1.0
                 sides = np.full(len(row), side)
@@ -127,6 +130,8 @@ def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None 
         gap[row] = weight[row] * distance
     if first.radius is None:
         length = weight
+    heirs = heirs[weight[heirs] > 0]
+    normal[heirs] = unit(direction[heirs])
     used = (length > SLIVER * length.max(initial=0.0)) & (weight > 0) & ~held
     node, side, of, value = (np.concatenate([t[k] for t in terms]) for k in range(4))
     gap = np.divide(gap, weight, out=np.zeros(n), where=used)

@@ -28,7 +28,7 @@ class Side:
     by default as they lie. `radius` (n,) of the nodes there, for bodies of revolution, whose
     integrals have the weight 2 pi r. `chord` and `rise` (e, 2), of edges that are curved
     themselves, are the ways from end to end and from its middle to the edge's in that
-    configuration.
+    configuration. `same` (k, 2) are nodes that a period makes one place.
     """
 
     xy: np.ndarray
@@ -39,6 +39,7 @@ class Side:
     radius: np.ndarray | None = None
     chord: np.ndarray | None = None
     rise: np.ndarray | None = None
+    same: np.ndarray | None = None
 
     def __post_init__(self):
         if self.length is None:
@@ -82,10 +83,19 @@ class Side:
 
     def nodal_normals(self) -> np.ndarray:
         """(n, 2) unit averages of the edges' normals, see `_averages`; smooth across an axis."""
-        normal = self._averages() if self.rise is None else _unit(self.uniform()[0])
+        normal = self._averages() if self.rise is None else unit(self._joined(self.uniform()[0]))
         if self.radius is None:
             return normal
         return smooth_normals(normal, self.edges[:, :2], self.radius)
+
+    def _joined(self, total: np.ndarray) -> np.ndarray:
+        """Sums over the edges at every node (n, 2), those at one place added up."""
+        if self.same is None:
+            return total
+        one, two = self.same.T
+        both, joined = total[one] + total[two], total.copy()
+        joined[one] = joined[two] = both
+        return joined
 
     def _averages(self) -> np.ndarray:
         """(n, 2) unit averages of the edges' normals, each weighted with the other edge's length.
@@ -97,10 +107,11 @@ class Side:
         ends, total = self.edges[:, :2], np.zeros_like(self.xy)
         np.add.at(total, ends.ravel(),
                   np.repeat(self.edge_normal / self._length()[:, None], 2, axis=0))
+        total = self._joined(total)
         if self.edges.shape[1] == 3:
-            total[ends] = _unit(total[ends].reshape(-1, 2)).reshape(-1, 2, 2)
+            total[ends] = unit(total[ends].reshape(-1, 2)).reshape(-1, 2, 2)
             total[self.edges[:, 2]] = total[ends].sum(axis=1)
-        return _unit(total)
+        return unit(total)
 
 
 def split(edges: np.ndarray, edge_normal: np.ndarray, vertex: np.ndarray,
@@ -153,7 +164,7 @@ def rises(xy: np.ndarray) -> dict[str, np.ndarray]:
     return {"chord": xy[:, 1] - xy[:, 0], "rise": xy[:, 2] - xy[:, :2].mean(axis=1)}
 
 
-def _unit(vectors: np.ndarray) -> np.ndarray:
+def unit(vectors: np.ndarray) -> np.ndarray:
     """(n, 2) vectors divided by their lengths."""
     return vectors / np.linalg.norm(vectors, axis=1)[:, None]
 

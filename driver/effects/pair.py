@@ -35,6 +35,7 @@ class PairSides:
 
     def __init__(self, manifest, subdomains: list[Subdomain], fixed, comm, moved=None):
         labels, self.fixed, self.about = np.unique(manifest.contact_pairs), fixed, None
+        self.periods = None  # Periods by which bodies repeat themselves
         self.at_first = {}  # by labels the nodal normals at first, shared by all that are displaced
         self.axisymmetric = manifest.axisymmetric
         self.nodes = n = 2 if manifest.element == "P1" else 3  # of an edge
@@ -89,6 +90,12 @@ class PairSides:
         labels, other_labels = zip(*pairs)
         first, gids, one, places, twins = self._side(labels, nodes, facing)
         second, others, two, *_ = self._side(other_labels)
+        within = reach
+        if self.periods is not None:
+            first.same = self.periods.same_of(gids)
+            second, times = self.periods.repeated(second, first.xy)
+            others, two = np.tile(others, times), np.tile(two, times)
+            within = np.inf if reach is None else reach  # of images the nearest
         able = mortar.meets(one, two, pairs)
         if len(twins):
             able &= before_flanks(first, twins, second.edge_normal)
@@ -105,14 +112,16 @@ class PairSides:
         rubbing[places] = rubs
         with of_pairs(pairs):
             lost, guided = lost_and_guided(first, second, (gids, others), self.fixed[0], normal,
-                                           rubbing, able, reach)
+                                           rubbing, able, within)
             lost &= ~tip
+            if self.periods is not None:
+                lost |= np.isin(gids, self.periods.gids)
             if without is not None:
                 lost[places] |= without
             held = held_nodes(gids, self.fixed[0]) | tip | lost
             both = np.isin(self.fixed[0] // 2, others).any()
             check_passed_on(first, one, lost, held, pairs, both)
-            pair = mortar.couple(first, second, held, able, reach, sharp if sharp.any() else None)
+            pair = mortar.couple(first, second, held, able, within, sharp if sharp.any() else None)
         if held.all() or not pair.weight.any() and reach is None:
             one, two = pairs[0]
             raise InputError(

@@ -171,7 +171,7 @@ def warnings(manifest, motion=None) -> list[str]:
     """
     lines = [f"{name} departs by {100 * size:.0f} % of its largest value from the steps, most at "
              f"time {time:.4g}: they miss where the obstacle is there; "
-             f"STEPS={2 * manifest.steps}, or stepTimes, follows it better"
+             f"STEPS={2 * manifest.steps}, or stepTimes without STEPS, follows it better"
              for name, (size, time) in (of_obstacles(motion, manifest.steps) if motion
                                         else {}).items() if size > NOTICEABLE]
     for d in departures(manifest):

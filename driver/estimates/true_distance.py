@@ -42,6 +42,18 @@ def obstacle(foot: np.ndarray, normal: np.ndarray, joined=True) -> Curve | None:
     return Curve(*(of[good] for of in (foot[:-1], foot[1:], away, rise, fall, before, after)))
 
 
+def from_obstacle(boundary, nodes: np.ndarray, place: np.ndarray):
+    """Distances (k,) and normals (k, 2) at places (k, 2) from the obstacle of a chain's `nodes`.
+
+    None and None where that is not known, see `obstacle`.
+    """
+    along = np.linalg.norm(np.diff(boundary.xy[nodes], axis=0), axis=1)
+    joined = np.abs(np.diff(boundary.arc[nodes]) - along) <= 1e-6 * along
+    normal = boundary.normal[nodes]
+    curve = obstacle(boundary.xy[nodes] + boundary.gap[nodes, None] * normal, normal, joined)
+    return (None, None) if curve is None else curve.distance(place)
+
+
 def polygon(start: np.ndarray, end: np.ndarray) -> Curve:
     """Straight edges (s, 2) with the body that they bound on their left."""
     chord = end - start

@@ -120,8 +120,8 @@ class Validity:
             return
         if len(self.boundary.gid):
             self._check_contact(step, state, place, moved)
-        passed = (state[ContactField.U_N] - self.boundary.at(step.time).gap)[self.boundary.paired]
-        self._check_overlaps(step, place, moved, passed.max(initial=0.0))
+        passed = state[ContactField.U_N] - self.boundary.at(step.time).gap + self.boundary.behind
+        self._check_overlaps(step, place, moved, passed[self.boundary.paired].max(initial=0.0))
 
     def _check_deformation(self, step, fields) -> None:
         """Strains and rotations of all triangles, with those that supports prescribe to bodies."""
@@ -184,7 +184,7 @@ class Validity:
                 others = [two for one, two in pairs if one == b.label[here[0]]]
                 true, turn = self._from_other(others, xy, u, place, moved, touching)
             else:
-                true, normal = self._from_obstacle(b, here, xy + u)
+                true, normal = true_distance.from_obstacle(b, here, xy + u)
                 if true is None:
                     continue
                 turn = _angle(normal, b.normal[touching])
@@ -204,15 +204,6 @@ class Validity:
         over = np.bincount(now.term_node, now.term_value * jump.sum(axis=1), len(now.gid))
         return now.gap - over, now.normal
 
-    @staticmethod
-    def _from_obstacle(b, here: np.ndarray, displaced: np.ndarray):
-        """Distances and normals at displaced places from the obstacle of the nodes `here` of b."""
-        along = np.linalg.norm(np.diff(b.xy[here], axis=0), axis=1)
-        joined_up = np.abs(np.diff(b.arc[here]) - along) <= 1e-6 * along
-        curve = true_distance.obstacle(b.xy[here] + b.gap[here, None] * b.normal[here],
-                                       b.normal[here], joined_up)
-        return (None, None) if curve is None else curve.distance(displaced)
-
     def _from_other(self, labels: list, xy, u, place, moved, touching):
         """Distances from the boundaries `labels` of other bodies, and turns of their normals.
 
@@ -221,7 +212,10 @@ class Validity:
         whose normals are used, keeps its direction. Nodes at corners meet what faces them.
         """
         edges = self.structure.outer_edges
-        start, end, _ = edges[np.isin(edges[:, 2], labels)].T
+        ends, periods = edges[np.isin(edges[:, 2], labels), :2], self.boundary.periods
+        if periods is not None:
+            ends, place, moved = periods.with_images(ends, place, moved, xy)
+        start, end = ends.T
         own = self.boundary.normal[touching]
         _, near = true_distance.nearest((place[start] + place[end]) / 2, xy, xy)
         outward = (place[end] - place[start])[:, ::-1] * [1, -1]  # of edges with the body left
@@ -274,7 +268,7 @@ class Validity:
 
     # ---- overlaps --------------------------------------------------------------------------------
     def _check_overlaps(self, step, place, moved, passed: float) -> None:
-        """`passed`: how far rough or worn surfaces pass through each other, also at their ends."""
+        """`passed`: how far surfaces of pairs pass through each other, as drawn, to their ends."""
         edges = self.structure.outer_edges
         start, end = (place + moved)[edges[:, :2]].transpose(1, 0, 2)
         body = self.body[edges[:, 0]]

@@ -6,6 +6,7 @@ stress is that of the averaged stresses at the nodes.
 """
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 from matplotlib.collections import LineCollection
@@ -153,7 +154,25 @@ def _outline(axes, run: Run, mesh: Mesh, moved: np.ndarray, factor: float) -> li
         rim = moved[mesh.rim()[0][outer(mesh, run.boundary)]]
         axes.add_collection(LineCollection(rim, colors=RED, linewidths=0.9))
         handles.append(Line2D([], [], color=RED, lw=0.9, label="bodies"))
+        if periods := run.summary.get("periods"):
+            handles.append(_images(axes, rim, factor * np.array(periods)))
     return handles
+
+
+def _images(axes, rim: np.ndarray, periods: np.ndarray) -> Line2D:
+    """The bodies' outlines `rim` (e, 2, 2) beside them, moved by `periods` (d, 2); legend entry.
+
+    As far as the picture shows them: it is that of the bodies.
+    """
+    extent = np.ptp(rim.reshape(-1, 2), axis=0)
+    most = [int(np.ceil(np.linalg.norm(extent) / np.linalg.norm(period))) for period in periods]
+    style = {"color": RED, "lw": 0.6, "ls": (0, (3, 3))}
+    for numbers in product(*(range(-n, n + 1) for n in most)):
+        if any(numbers):
+            axes.add_collection(LineCollection(rim + numbers @ periods, colors=style["color"],
+                                               linewidths=style["lw"], linestyles=[style["ls"]]),
+                                autolim=False)
+    return Line2D([], [], label="as they repeat themselves", **style)
 
 
 def _name_materials(axes, run: Run, mesh: Mesh, moved: np.ndarray) -> None:

@@ -81,8 +81,10 @@ class FollowingSolver(QuasistaticSolver):
             self._take(self._about(about, index), index, kept)
             step, error = self._step(index, *(start or self._predicted(index)))
             iterations += step.fixed_point_iterations
-            u = self._moved(self._deformations(step), step.weights)
-            missed = np.inf if error is not None else self._missed(step, u)
+            deformed = self._deformations(step)
+            u = self._moved(deformed, step.weights)
+            missed = np.inf if error is not None else self._missed(
+                step, u, np.linalg.norm(deformed, axis=1).max(initial=0.0))
             if error is not None or missed <= asked.primal_rtol and part <= 1:
                 break
             if geometries == MOST:
@@ -104,7 +106,7 @@ class FollowingSolver(QuasistaticSolver):
         step.fixed_point_iterations, step.products = iterations, operator.products - products
         history.counts["geometries"] += geometries
         history.counts["condensed_steps"] = min(history.counts["condensed_steps"], condensed + 1)
-        self.deformed = self._deformations(step)
+        self.deformed = deformed
         self._ends(step)
         return step, error
 
@@ -172,8 +174,11 @@ class FollowingSolver(QuasistaticSolver):
         """Only once, see `_finish`."""
         self._examined = state
 
-    def _missed(self, step: Step, u: np.ndarray) -> float:
-        """By how much the conditions that were used miss those about the solution u (k, 2)."""
+    def _missed(self, step: Step, u: np.ndarray, deformed: float) -> float:
+        """By how much the conditions that were used miss those about the solution u (k, 2).
+
+        Contact boundaries are `deformed` by so much: residuals may know a lower bound alone.
+        """
         used, now = self.contact.declared, self._about(u, step.index).declared
         forces = np.zeros((2, len(self.contact.gid)))
         rows, x = self.rows, step.multipliers
@@ -198,7 +203,7 @@ class FollowingSolver(QuasistaticSolver):
         error = np.where(used.normal_row >= 0, np.maximum(over[1] - worn, 0.0), 0.0)
         error[closed] = np.abs(over[1] - over[0])[closed]
         scales, moved = self.scales, np.abs(pushed[1] - pushed[0]).max(initial=0.0)
-        return max(_over(float(error.max(initial=0.0)), scales.displacement),
+        return max(_over(float(error.max(initial=0.0)), max(scales.displacement, deformed)),
                    _over(float(moved), scales.force))
 
     # ---- displacements of the vertices of contact boundaries ------------------------------------

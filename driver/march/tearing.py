@@ -33,8 +33,16 @@ def build(manifest: Manifest, subdomains: list[Subdomain], first: int, comm,
         ends = SupportEnds(fixed, skeleton, manifest)
         fixed, jumps = ends.fixed, ends.jumps
     sides = effects.paired_sides(subdomains, fixed, comm, moved)
+    periods = None
+    if effects.joints:
+        from ..contact.periods import Periods  # here: few scenes need them
+
+        periods = Periods.of(effects.joints, manifest, subdomains, comm)
+    if sides is not None:
+        sides.periods = periods
     with shared_labels.explained(manifest, subdomains, skeleton, comm):
-        contact = contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm, sides)
+        contact = contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm, sides,
+                                   periods)
     structure = number(manifest, subdomains, first, skeleton, fixed, contact, comm,
                        effects.frictional, effects.compliance(contact))
     structure.support_jumps = jumps

@@ -13,7 +13,8 @@ from ..contact.states import OPEN
 # smooth boundaries L^2/24 R^2 of it, in corners more
 BEND = 1e-2
 # columns of a ContactBoundary that places between nodes follow from
-NODES = ("xy", "arc", "chain", "weight", "length", "gap", "paired", "middle", "mirrored")
+NODES = ("xy", "arc", "chain", "weight", "length", "gap", "paired", "middle", "mirrored", "gid",
+         "image")
 NEXT = 3  # open nodes that locate an end of contact, the first of them once and once not
 EDGE = 0.3  # of an edge in which contact ends: what is open of the place
 
@@ -63,6 +64,21 @@ def is_ring(nodes: dict, piece: np.ndarray) -> bool:
     """Whether the last node of a piece is the neighbour of its first."""
     side, closing = np.diff(nodes["arc"][piece]), np.subtract(*nodes["xy"][piece[[0, -1]]])
     return len(piece) > 2 and float(np.linalg.norm(closing)) < 1.5 * side.max()
+
+
+def images(nodes: dict, piece: np.ndarray) -> np.ndarray:
+    """(2,) nodes that a period makes one place with the ends of a piece, -1 where none does.
+
+    A vertex of a corner, which is two nodes, has none.
+    """
+    found = np.full(2, -1)
+    if "image" not in nodes:
+        return found
+    for k, end in enumerate(piece[[0, -1]]):
+        there = np.flatnonzero(nodes["gid"] == nodes["image"][end])
+        if len(there) == 1 and (nodes["gid"] == nodes["gid"][end]).sum() == 1:
+            found[k] = there[0]
+    return found
 
 
 def contact_length(nodes: dict, pieces: list[np.ndarray], steps: dict, index: int) -> float:

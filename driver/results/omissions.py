@@ -14,7 +14,7 @@ COARSE = 0.01  # RTOL beyond which forces are guesses; FRICTION_RTOL: ten times 
 FAR = 3.0  # times the size of the largest body
 APART = 0.5  # of that size, from which on a declared distance is seldom meant
 SLIDES = 1e-6  # part of the largest slip that is one
-FACES = 0.5  # part of a node's dual segment below which it faces nothing
+TORN = 0.1  # of the largest traction: what both ends of a period may differ by
 OVERLAP, FACETS = 1e-3, 0.05  # of the boundary's size, of a dual segment: what facets may overlap
 
 
@@ -121,35 +121,24 @@ def held_inside(record) -> list[str]:
             "obstacle"]
 
 
-def beyond_period(structure, joints, pairs, comm) -> list[str]:
-    """A sentence if an end of a contact pair on a periodic side faces nothing: neither boundary
-    goes on beyond it.
-
-    `joints` as Effects has them, `pairs` the labels of contact pairs; contact is that at last.
-    Collective.
-    """
-    sides = [label for joint in joints if joint.periodic for label in (joint.first, joint.second)]
-    if not sides or not len(pairs):
+def torn_by_periods(record) -> list[str]:
+    """A sentence if both ends of a period, which are one place, are pressed otherwise."""
+    b = record.contact.boundary
+    ends = np.flatnonzero(b.image >= 0)
+    other = np.array([np.flatnonzero(b.gid == b.image[end])[0] for end in ends], int)
+    if not len(ends):
         return []
-    ends, contact = {}, structure.contact.declared
-    for sub in structure.subdomains:
-        on = [np.unique(sub.edges[np.isin(sub.edge_label, labels)][:, :2])
-              for labels in (np.unique(pairs), sides)]
-        for node in np.intersect1d(*on):
-            ends[int(sub.node_gid[node])] = sub.xy[node].tolist()
-    meets = contact.paired & ~contact.idle
-    if contact.covered is not None:
-        meets &= contact.covered >= FACES
-    takes = meets[contact.term_node] & (contact.term_value != 0)
-    met = {*contact.gid[meets].tolist(), *contact.term_gid[takes].tolist()}
-    alone = sorted(place for part in comm.allgather(ends) for gid, place in part.items()
-                   if gid not in met)
-    if not alone:
+    pressed, rubbed = (np.array(record.states[name]) for name in ("sigma_n", "sigma_t"))
+    apart = np.hypot(*(of[:, ends] - of[:, other] for of in (pressed, rubbed)))
+    apart = apart / np.maximum(np.abs(pressed).max(axis=1, initial=0.0), 1e-300)[:, None]
+    step, k = np.unravel_index(apart.argmax(), apart.shape)
+    if apart[step, k] <= TORN:
         return []
-    x, y = alone[0]
-    return [f"the end ({x:.4g}, {y:.4g}) of a contact pair lies on a periodic side and faces "
-            "nothing: contact does not go on beyond the period, as it should; let both bodies "
-            "begin and end at the same places, and give them several periods where they slide far"]
+    x, y = b.xy[ends[k]]
+    return [f"contact goes on across the periodic side at ({x:.4g}, {y:.4g}), where tractions of "
+            f"both ends differ by {100 * apart[step, k]:.0f} % of the largest one in step "
+            f"{step + 1}: each end obeys contact and friction by itself; let the period begin "
+            "where the bodies are apart, or take a finer mesh there"]
 
 
 def _half_rough(b: ContactBoundary) -> list[str]:

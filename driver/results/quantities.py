@@ -21,7 +21,8 @@ displacement.
 import numpy as np
 
 from ..contact.states import OPEN, SLIP
-from .contact_edges import beyond_ends, chains, contact_length, edges_of_contact, is_ring
+from .contact_edges import (beyond_ends, chains, contact_length, edges_of_contact, images,
+                            is_ring)
 
 END = 2  # nodes that count as the end of a boundary
 NEARLY = 0.5  # part of the largest pressure that may exceed it on a finer mesh
@@ -83,8 +84,8 @@ def singular_places(nodes: dict, steps: dict, index: int) -> tuple[str, ...]:
     it does not pressure grows like the logarithm of the distance. Under the edge of a punch, where
     a body ends on another or beside a clamped corner pressures grow like a negative power of the
     distance, or like none: meshes hardly tell which, nor on which of them an end begins to exceed
-    the rest. Bilateral contact pulls as well, and its peak is the largest of both: tension that
-    grows at an end is no less singular.
+    the rest. Where a period ends contact goes on. Bilateral contact pulls as well, and its peak is
+    the largest of both: tension that grows at an end is no less singular.
     """
     pressure, status = np.abs(steps["sigma_n"][index]), steps["status"][index]
     rubs = (status == SLIP) & (steps["sigma_t"][index] != 0)
@@ -98,9 +99,10 @@ def singular_places(nodes: dict, steps: dict, index: int) -> tuple[str, ...]:
         top = int(p.argmax())
         if (status[piece][max(top - side, 0):top + side + 1] == OPEN).any():
             at_end = max(at_end, p[top])
-        for end, outer in ((0, slice(near)), (-1, slice(-near, None))):
+        for end, outer, image in zip((0, -1), (slice(near), slice(-near, None)),
+                                     images(nodes, piece)):
             mirrored = nodes["mirrored"][piece[end]] and not rubs[piece[outer]].any()
-            if status[piece[end]] != OPEN and not mirrored:
+            if status[piece[end]] != OPEN and not mirrored and image < 0:
                 at_end = max(at_end, p[outer].max())
     return ("peak_pressure",) if at_end > NEARLY * largest else ()
 
@@ -131,7 +133,20 @@ def largest_pressure(nodes: dict, pieces: list[np.ndarray], pressure: np.ndarray
     if not len(pressure):
         return 0.0
     size = np.abs(pressure)
-    return max(peak(nodes["arc"][piece], traction(nodes, size, piece)) for piece in pieces)
+    return max(peak(*_over_period(nodes, size, piece)) for piece in pieces)
+
+
+def _over_period(nodes: dict, pressure: np.ndarray, piece: np.ndarray) -> tuple:
+    """Arc (k,) and traction (k,) on a piece, with the next node beyond where a period ends."""
+    arc, p = nodes["arc"][piece], traction(nodes, pressure, piece)
+    before, after = images(nodes, piece)
+    if before > 0:
+        side = nodes["arc"][before] - nodes["arc"][before - 1]
+        arc, p = np.append(arc[0] - side, arc), np.append(pressure[before - 1], p)
+    if 0 <= after < len(pressure) - 1:
+        side = nodes["arc"][after + 1] - nodes["arc"][after]
+        arc, p = np.append(arc, arc[-1] + side), np.append(p, pressure[after + 1])
+    return arc, p
 
 
 def traction(nodes: dict, pressure: np.ndarray, piece: np.ndarray) -> np.ndarray:
@@ -140,13 +155,19 @@ def traction(nodes: dict, pressure: np.ndarray, piece: np.ndarray) -> np.ndarray
     An end node has half a dual segment and one or two triangles: force over weight errs there by
     O(h) however smooth the pressure is. The line through its neighbours is of second order. With
     quadratic elements so is the node's own: its shape function has no first moment. On a line of
-    symmetry, where `mirrored` nodes (n,) are, pressure is level, and that a parabola.
+    symmetry, where `mirrored` nodes (n,) are, pressure is level, and that a parabola. Where a
+    period ends the forces and weights of the node and its image are those of one place.
     """
-    p, x = pressure[piece].copy(), nodes["arc"][piece]
+    p, x, across = pressure[piece].copy(), nodes["arc"][piece], images(nodes, piece)
+    for end, image in zip((0, -1), across):
+        if image >= 0:
+            both = [piece[end], image]
+            p[end] = pressure[both] @ nodes["weight"][both] / nodes["weight"][both].sum()
     if nodes["middle"].any():
         return p
     level = nodes["mirrored"][piece]
-    for end, (near, far), edge in zip((0, -1), ((1, 2), (-2, -3)), beyond_ends(nodes, piece)):
+    beyond = np.where(across < 0, beyond_ends(nodes, piece), np.inf)
+    for end, (near, far), edge in zip((0, -1), ((1, 2), (-2, -3)), beyond):
         if edge <= 0 and len(piece) > 3 and min(p[[end, near, far]]) > 0:
             one, two = np.abs(x[[near, far]] - x[end])
             share = one**2 / (two**2 - one**2) if level[end] else one / (two - one)

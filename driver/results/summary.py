@@ -164,6 +164,8 @@ class Summary:
         "of every label that meets an obstacle which moves: its shift_x, shift_y and angle, as far "
         "as they are not zero, at the start and after every step, else the nearest node's distance",
         "length, rad", optional=True)
+    periods: list | None = entry("of bodies in pairs that repeat themselves: [x, y] by which",
+                                 "length", optional=True)
     boundaries: list | None = entry(
         "rows of boundaries.csv in the last step, where there is contact", "see boundaries.csv",
         optional=True)
@@ -210,8 +212,7 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
                 *omissions.far_gaps(structure, problem.effects.rooms),
                 *omissions.support_jumps(structure.support_jumps),
                 *omissions.without_wear(writer.record), *omissions.held_inside(writer.record),
-                *omissions.beyond_period(structure, problem.effects.joints,
-                                         manifest.contact_pairs, problem.operator.comm),
+                *omissions.torn_by_periods(writer.record),
                 *(writer.probes.warnings if writer.probes else [])]
     if optional.get("validity") and optional["validity"]["verdict"] != "ok":
         doubt = optional["validity"]
@@ -224,6 +225,8 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
         optional["cycles"] = _cycles(solver.cycles, writer.cycle_rows)
     if structure.contact.declared.motion is not None:
         optional["obstacle_motion"] = _motions(structure.contact.declared)
+    if structure.contact.periods is not None and len(structure.contact.periods.ways):
+        optional["periods"] = structure.contact.periods.ways.tolist()
     if writer.history_rows:
         optional["quantities"], index = writer.record.quantities()
         optional["quantities_time"] = writer.history_rows[index]["time"]

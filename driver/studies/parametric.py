@@ -18,7 +18,7 @@ from ..options import Settings
 from ..results import dissipation
 from ..results.contact_state import WEAR, less_wear, without_row
 from ..results.contact_edges import NODES, chains, contact_length
-from ..results.quantities import peak, resultant, traction
+from ..results.quantities import largest_pressure, resultant
 from ..results.record import Record
 from ..results.shares import label_shares
 from ..results.tables import shown
@@ -381,13 +381,12 @@ def _quantities(contact, shares: np.ndarray, fields: dict) -> dict:
     `shares` of labels in nodes as from shares.py.
     """
     w, place = contact.weight, {name: getattr(contact, name) for name in NODES}
-    pieces, size = chains(place), np.abs(fields["sigma_n"])
-    peaks = [peak(place["arc"][piece], traction(place, size, piece)) for piece in pieces]
+    pieces = chains(place)
     now = {name: values[None] for name, values in fields.items()}
     nodes = np.bincount(fields["status"], minlength=3)
     return {"resultant_n": 0.0 - float(resultant(shares, -fields["sigma_n"], w)),
             "resultant_t": float(resultant(shares, fields["sigma_t"], w)),
-            "peak_pressure": max(peaks),
+            "peak_pressure": largest_pressure(place, pieces, fields["sigma_n"]),
             "contact_length": contact_length(place, pieces, now, 0),
             "largest_slip": float(np.abs(fields["slip"]).max(initial=0)),
             **{f"nodes_{name}": int(nodes[k]) for k, name in enumerate(STATUS_NAMES)}}

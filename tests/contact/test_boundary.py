@@ -144,7 +144,7 @@ def test_nodes_that_face_nothing_yet_have_rows_of_their_own():
     nodes.family[here], nodes.meeting = 1, [[(8, 9)]]
     covered, none = np.arange(len(here)) % 2 == 0, np.zeros(len(here))
     whole = nodes.weight[here]
-    sides = SimpleNamespace(about=None, couple=lambda pairs, gid, normal, twin, rubs, reach, lost: (
+    sides = SimpleNamespace(about=None, periods=None, couple=lambda _, __, normal, *rest: (
         np.where(covered, 0.5 * whole, 0.0), nodes.length[here], normal, none, none > 0, none > 0,
         (np.flatnonzero(covered), np.full(covered.sum(), 77), np.full(covered.sum(), -1.0),
          np.ones(covered.sum(), bool))))
@@ -230,7 +230,7 @@ class Faced:
     2 along its normal, wherever it is.
     """
 
-    about = None
+    about = periods = None
 
     def __init__(self, nodes):
         self.nodes, self.here = nodes, np.flatnonzero(nodes.label == 8)

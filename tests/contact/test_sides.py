@@ -210,19 +210,19 @@ def test_periodic_boundaries_are_translates_of_one_another():
     joint = joints.Joint("periodic", 1, 2, True)
     one = outline([[0, 0], [0, 1], [0.2, 2]])
     two = outline([[5, 0.5], [5, 1.1], [5, 1.5], [5.2, 2.5]], 2)
-    np.testing.assert_allclose(joints._translation(joint, one, two, False), [-5, -0.5])
+    np.testing.assert_allclose(joints.translation(joint, one, two, False), [-5, -0.5])
     for other in ([[5, 0.5], [5.3, 2.5]], [[5, 0.5], [4, 1.5], [5.2, 2.5]]):
         with pytest.raises(InputError, match="no translates"):
-            joints._translation(joint, one, outline(other, 2), False)
+            joints.translation(joint, one, outline(other, 2), False)
     with pytest.raises(InputError, match="different radii"):
-        joints._translation(joint, one, two, True)
+        joints.translation(joint, one, two, True)
     above = outline([[0, 3], [0, 4], [0.2, 5]], 2)
-    np.testing.assert_allclose(joints._translation(joint, one, above, True), [0, -3])
+    np.testing.assert_allclose(joints.translation(joint, one, above, True), [0, -3])
     ring = outline([[0, 0], [1, 0], [1, 1], [0, 0]])
     ring.gid[-1, 1] = 0
     far = joints.Edges(ring.label, ring.gid, ring.xy + [3.0, 0.0])
     assert not len(ring.ends)
-    np.testing.assert_allclose(joints._translation(joint, ring, far, False), [-3, 0])
+    np.testing.assert_allclose(joints.translation(joint, ring, far, False), [-3, 0])
 
 
 def test_arc_lengths_along_a_joined_side():

@@ -400,4 +400,4 @@ def test_a_row_of_the_report_is_of_its_own_cycle(tmp_path):
     assert (first["seconds"], first["relative"], first["primal_dofs"]) == ("10.0", "0.25", "0")
     assert (last["seconds"], last["relative"], last["slip"]) == ("2.5", "", "0.25")
     assert refinement.describe(places[0]) == (
-        "0 primal dofs, error in the energy norm 25%, 10.00 s")
+        "0 primal dofs, error in the energy norm 25 %, 10.00 s")

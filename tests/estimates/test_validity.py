@@ -538,3 +538,10 @@ def test_rough_blocks_that_end_flush_do_not_overlap_beside_their_contact(solved,
     run = solved(scene(FLUSH))
     assert (run.contact["u_n"] - run.contact["gap"]).max() > 0.01
     assert run.summary["validity"]["verdict"] == "ok"
+
+
+def test_blocks_with_a_clearance_that_end_flush_do_not_overlap_beside_their_contact(solved, scene):
+    """Surfaces behind those that are drawn touch where the drawn ones have passed each other."""
+    run = solved(scene(FLUSH, ("normalCompliance() 300.", "pairGap() 0.05")))
+    assert (run.contact["status"] != "open").any()
+    assert run.summary["validity"]["verdict"] == "ok"

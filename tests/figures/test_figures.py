@@ -1355,3 +1355,15 @@ def test_axes_reach_the_last_contact_nodes():
     quadratic = reading.segment_ends(arc, np.array([1, 4, 2, 4, 1]) / 12)
     linear = reading.segment_ends(arc, np.array([1, 2, 2, 2, 1]) / 8)
     assert quadratic[[0, -1]].tolist() == linear[[0, -1]].tolist() == [0.0, 1.0]
+
+
+def test_bodies_that_repeat_themselves_are_outlined_as_far_as_the_picture_goes():
+    """Bodies of length 4 that a slide has put 6 apart: images at up to three periods of 4 on either
+    side, by whole numbers of them, which do not make the picture any wider.
+    """
+    axes = Figure().subplots()
+    rim = np.array([[[0.0, 0.0], [4.0, 0.0]], [[6.0, 1.0], [10.0, 1.0]]])
+    entry = body._images(axes, rim, np.array([[4.0, 0.0]]))
+    moved = [lines.get_segments()[0][0][0] for lines in axes.collections]
+    assert sorted(moved) == [-12.0, -8.0, -4.0, 4.0, 8.0, 12.0]
+    assert not np.isfinite(axes.dataLim.get_points()).any() and "repeat" in entry.get_label()

@@ -489,18 +489,20 @@ def test_what_geometry_misses_is_a_distance_or_a_change_of_forces():
         change = np.abs(over(now) - over(used))
         error = np.array([change[0], max(over(now)[1], 0.0), change[2]])
         missed = max(error.max() / 4, np.abs(pushed(now) - pushed(used)).max() / 2)
-        assert solver._missed(step, u) == pytest.approx(missed, rel=1e-12)
+        assert solver._missed(step, u, 0.0) == pytest.approx(missed, rel=1e-12)
+        missed = max(error.max() / 8, np.abs(pushed(now) - pushed(used)).max() / 2)
+        assert solver._missed(step, u, 8.0) == pytest.approx(missed, rel=1e-12)
     # an open node may be as far beyond as it has worn
     solver._about = lambda u, index: facing([0.1, 0.2, 0.3], [0.5, -9, 0.125])
-    before, solver.closure.worn = solver._missed(step, u), np.array([0.0, 20.0, 0.0])
-    assert solver._missed(step, u) < before
+    before, solver.closure.worn = solver._missed(step, u, 0.0), np.array([0.0, 20.0, 0.0])
+    assert solver._missed(step, u, 0.0) < before
     solver.closure.worn = 0.0
     # what faces nothing has no distance
     now = facing([0.1, 0.2, 0.3], [-9, 0.25, 0.125], idle=np.array([True, False, False]))
     solver._about = lambda u, index: now
-    assert solver._missed(step, u) == pytest.approx(max(over(now)[:2].max(), 0.0) / 4)
+    assert solver._missed(step, u, 0.0) == pytest.approx(max(over(now)[:2].max(), 0.0) / 4)
     solver.scales = Scales()
-    assert solver._missed(step, u) == 1.0
+    assert solver._missed(step, u, 0.0) == 1.0
 
 
 def test_geometries_that_go_to_and_fro_are_combined():

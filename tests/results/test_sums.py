@@ -166,7 +166,8 @@ def test_forces_of_a_boundary_follow_its_normals_where_they_change():
     b = SimpleNamespace(xy=np.column_stack([x, 0 * x]), arc=x, chain=np.zeros(4, int),
                         weight=np.ones(4), length=np.ones(4), gap=np.zeros(4),
                         paired=np.zeros(4, bool), middle=np.zeros(4, bool),
-                        mirrored=np.zeros(4, bool), normal=normal,
+                        mirrored=np.zeros(4, bool), gid=np.arange(4), image=np.full(4, -1),
+                        normal=normal,
                         tangent=np.column_stack([-normal[:, 1], normal[:, 0]]))
     states = {ContactField.SIGMA_N: -rng.random((2, 4)), ContactField.SIGMA_T: rng.random((2, 4)),
               ContactField.SLIP: np.ones((2, 4)), ContactField.U_N: np.zeros((2, 4)),

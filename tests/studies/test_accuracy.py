@@ -104,7 +104,7 @@ def test_front_and_cheapest_settings():
     assert table[-1]["reason"] == "no fixed point" and "seconds_solver" not in table[-1]
     text = cheapest.describe(cheapest.cheapest_rows(trials, {"slip": TWO}), {"slip": TWO},
                              {"length": "m", "stress": "Pa"}, "slip")
-    assert "10%" in text and "mesh=2" in text and "good to 0.1%" in text
+    assert "10 %" in text and "mesh=2" in text and "good to 0.1 %" in text
 
 
 def test_settings_read_as_on_the_command_line():

@@ -1,0 +1,119 @@
+"""Stage 3: pairs whose bodies repeat themselves meet beyond their ends, too.
+
+What periodic boundaries (joints.py) declare once goes on for ever: a body that begins elsewhere
+than the other one, or slides along it, meets the other's image, moved by a whole number of periods.
+Images have the displacements of what they are images of.
+
+Where the boundary with the contact nodes ends on a periodic side both its ends are one place, whose
+displacements the joint makes equal. Each would have a contact condition of its own there, on half
+of what the other body has around the place. So they have none, and the next nodes' multipliers take
+their parts over, as beside supports (held.py).
+"""
+
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ..errors import InputError
+from .joints import CONGRUENT, Edges, boundary_edges, translation
+from .side import Side
+
+ASKEW = 0.01  # sine of the angle from which on two directions are two
+
+
+@dataclass(frozen=True)
+class Periods:
+    """The `gids` (k,) of nodes on periodic sides, `same` (m, 2) those of two in one place, and the
+    `ways` (d, 2), d = 1 or 2, by which bodies in pairs repeat themselves; without pairs d = 0.
+    """
+
+    gids: np.ndarray
+    same: np.ndarray
+    ways: np.ndarray
+
+    @classmethod
+    def of(cls, joints: list, manifest, subdomains, comm) -> "Periods | None":
+        """Those of the periodic ones of `joints`, None without any; collective.
+
+        Raises InputError for bodies with different periods in one direction.
+        """
+        joints = [joint for joint in joints if joint.periodic]
+        if not joints:
+            return None
+        labels = sorted({label for joint in joints for label in (joint.first, joint.second)})
+        edges = boundary_edges(subdomains, labels, 2 if manifest.element == "P1" else 3, comm)
+        ways, same = np.zeros((0, 2)), []
+        for joint in joints:
+            one, two = edges.of(joint.first), edges.of(joint.second)
+            way = translation(joint, one, two, manifest.axisymmetric)
+            same.append(_in_one_place(one, two, way))
+            if manifest.contact_pairs and _is_new(way, ways):
+                ways = np.vstack([ways, way])
+        return cls(np.unique(edges.gid), np.concatenate(same), ways)
+
+    def same_of(self, gids: np.ndarray) -> np.ndarray:
+        """(k, 2) which of the nodes `gids` (n,) are in one place."""
+        order = np.argsort(gids, kind="stable")
+        pairs = self.same[np.isin(self.same, gids).all(axis=1)]
+        return order[np.searchsorted(gids, pairs, sorter=order)]
+
+    def offsets(self, near: np.ndarray, place: np.ndarray) -> np.ndarray:
+        """(m, 2) by which images of places (k, 2) are moved that come beside `near` (n, 2).
+
+        The first is zero: the places themselves.
+        """
+        basis = np.linalg.pinv(self.ways)
+        here, there = near @ basis, place @ basis
+        lowest = np.ceil(here.min(axis=0) - there.max(axis=0) - CONGRUENT).astype(int)
+        highest = np.floor(here.max(axis=0) - there.min(axis=0) + CONGRUENT).astype(int)
+        numbers = product(*(range(low, high + 1) for low, high in zip(lowest, highest)))
+        return np.array([[0.0, 0.0], *(np.array(k) @ self.ways for k in numbers if any(k))])
+
+    def repeated(self, side: Side, near: np.ndarray) -> tuple[Side, int]:
+        """A side with its images beside the places `near` (n, 2), and how often it is there.
+
+        Image k has nodes and edges of the side, in their order, k times their number on.
+        """
+        moves, n = self.offsets(near, side.xy), len(side.xy)
+        count = len(moves)
+        edges = np.concatenate([side.edges + k * n for k in range(count)])
+        copied = {name: None if value is None else np.concatenate([value] * count)
+                  for name, value in vars(side).items() if name not in ("xy", "edges")}
+        place = (moves[:, None] + side.xy).reshape(-1, 2)
+        return replace(side, xy=place, edges=edges, **copied), count
+
+    def with_images(self, edges: np.ndarray, place: np.ndarray, moved: np.ndarray,
+                    near: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Edges (e, 2) with their images beside `near` (n, 2): edges, places and displacements.
+
+        `place`, `moved` (k, 2) of all nodes; those of images follow them.
+        """
+        moves, count = self.offsets(near, place[edges].reshape(-1, 2)), len(place)
+        return (np.concatenate([edges + k * count for k in range(len(moves))]),
+                (moves[:, None] + place).reshape(-1, 2), np.tile(moved, (len(moves), 1)))
+
+
+def _in_one_place(one: Edges, two: Edges, way: np.ndarray) -> np.ndarray:
+    """(k, 2) gids of nodes of two sides that lie on one another, where `way` takes the second."""
+    (gids, place), (others, there) = one.nodes, two.nodes
+    away, nearest = cKDTree(there + way).query(place)
+    here = away <= CONGRUENT * one.lengths.sum()
+    return np.column_stack([gids[here], others[nearest[here]]])
+
+
+def _is_new(way: np.ndarray, ways: np.ndarray) -> bool:
+    """Whether a period is none of `ways` (d, 2). Raises InputError where it cannot be beside them.
+    """
+    size = np.linalg.norm(way)
+    apart = [min(np.linalg.norm(way - other), np.linalg.norm(way + other)) for other in ways]
+    if min(apart, default=np.inf) <= CONGRUENT * size:
+        return False
+    askew = [abs(np.linalg.det([way, other])) > ASKEW * size * np.linalg.norm(other)
+             for other in ways]
+    if len(ways) == 2 or not all(askew):
+        raise InputError(
+            f"bodies in contact repeat themselves by ({way[0]:.6g}, {way[1]:.6g}) and by "
+            f"({ways[0, 0]:.6g}, {ways[0, 1]:.6g}): give them one period, as by more waves")
+    return True
