@@ -45,6 +45,11 @@ def step_name(index: int) -> str:
     return f"step {index}" if index else "preload"
 
 
+def counted(number: int, name: str) -> str:
+    """A number of what has a name, such as 1 step or 20 steps."""
+    return f"{number} {name}" if number == 1 else f"{number} {name}s"
+
+
 def assignments(settings: dict) -> str:
     """Settings as on the command line: NAME=value NAME=value."""
     return " ".join(f"{name.upper()}={value}" for name, value in settings.items())

@@ -234,7 +234,8 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm, sides
     """Contact nodes of all subdomains, the parts of a node's dual segment added up.
 
     `effects` are those of the scene, `sides` the boundaries that meet in pairs (effects/pair.py),
-    None without pairs, `periods` the Periods, None where nothing repeats itself. Raises InputError for contact on a label without nodes.
+    None without pairs, `periods` the Periods, None where nothing repeats itself. Raises InputError
+    for contact on a label without nodes.
     """
     parts = [np.empty((0, 7 + len(manifest.columns)))]
     for sub in subdomains:

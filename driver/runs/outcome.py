@@ -4,7 +4,7 @@ from pathlib import Path
 
 from ..estimates import budget, prices
 from ..results import screen
-from ..text import shown
+from ..text import counted, shown
 
 
 def describe(summary: dict, out: Path) -> str:
@@ -13,9 +13,11 @@ def describe(summary: dict, out: Path) -> str:
     sizes, counts = summary["sizes"], summary["counts"]
     worst = max(summary["residuals"].values(), default=0)
     condensed = counts.get("condensed_steps")
-    newton = f"Newton's method on the contact rows in {condensed} steps, " if condensed else ""
+    newton = ""
+    if condensed:
+        newton = f"Newton's method on the contact rows in {counted(condensed, 'step')}, "
     lines = [f"{title}: {subdomains(summary)}, {sizes['primal_dofs']} primal and "
-             f"{sizes['dual_dofs']} dual dofs, {summary['steps']} steps",
+             f"{sizes['dual_dofs']} dual dofs, {counted(summary['steps'], 'step')}",
              f"{counts['fixed_point_iterations']} fixed-point iterations, "
              f"{counts['dual_multiplications']} products with F, {newton}largest KKT residual "
              f"{worst:.1e}, force balance {summary['balance']:.1e}",
@@ -37,9 +39,9 @@ def subdomains(summary: dict) -> str:
     """
     made, asked = summary["sizes"]["subdomains"], summary["parameters"].get("subdomains", "")
     if summary["effects"]["bodies"] < 2 or not asked.isdigit() or int(asked) == made:
-        return f"{made} subdomains"
-    return (f"{made} subdomains ({asked} asked for; every body is cut by itself, into a number by "
-            "its size)")
+        return counted(made, "subdomain")
+    return (f"{counted(made, 'subdomain')} ({asked} asked for; every body is cut by itself, into a "
+            "number by its size)")
 
 
 def never_mattered(ledger: dict[str, dict]) -> list[str]:
