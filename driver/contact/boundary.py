@@ -179,6 +179,13 @@ class ContactBoundary:
         return np.zeros(len(self.gid), bool) if self.covered is None else self.covered <= 0
 
     @property
+    def faced(self) -> np.ndarray:
+        """(n_c,) part of the weight that faces anything; of nodes that face nothing all of it."""
+        if self.covered is None:
+            return self.weight
+        return self.weight * np.where(self.covered > 0, self.covered, 1.0)
+
+    @property
     def mirrored(self) -> np.ndarray:
         """(n_c,) whether a support lets nodes move along the normal alone: a line of symmetry.
 

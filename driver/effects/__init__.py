@@ -181,17 +181,15 @@ class Effect:
     def prepare(self, contact) -> None:
         """Allocate what is carried; a solver has effects of its own."""
 
-    def carried(self) -> dict[str, np.ndarray]:
-        """Arrays (n_c,) by name, each rank's own nodes valid; checkpoints keep them.
+    def about(self, contact) -> None:
+        """Take another geometry of contact, where it follows the motion."""
 
-        Numbers may grow from cycle to cycle."""
+    def carried(self) -> dict[str, np.ndarray]:
+        """Arrays (n_c,) by name, valid at own nodes, for checkpoints; they may grow by cycles."""
         return {}
 
     def step_ends(self, nodes: np.ndarray, slip: np.ndarray, force: np.ndarray) -> None:
-        """A step ended in which the contact `nodes` (j,) of the rank have slid by `slip` (j,).
-
-        With normal forces (j,) at its end.
-        """
+        """A step ended: the rank's `nodes` (j,) slid by `slip` (j,) and have normal `force`."""
 
     def no_estimate(self, weights: np.ndarray) -> str:
         """Why the error in the energy norm has no estimate under the pattern factors `weights`."""

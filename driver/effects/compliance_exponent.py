@@ -30,7 +30,11 @@ class Room(Effect):
         if np.any((contact.columns.get("bilateral", 0) > 0) & (self.c > 0) & (self.m != 1)):
             raise InputError("bilateral contact where normalComplianceExponent is not 1: a power "
                              "of the closure says nothing of tension; leave one of them out there")
-        self.weight = contact.weight
+        self.weight = contact.faced
+
+    def about(self, contact) -> None:
+        """Weights are those that face anything."""
+        self.weight = contact.faced
 
     def closure(self, nodes, force, slip) -> np.ndarray:
         """(k,) (p/c)^(1/m); of contact that pulls, where m is 1, below zero."""

@@ -80,9 +80,21 @@ class Substructure:
         stop = np.append(self.row_starts, self.row_range[1] - self.row_range[0])[s + 1]
         row = self.rows[s].row - self.row_range[0]
         own = (row >= self.row_starts[s]) & (row < stop)
-        place, known = lookup(self.at_contact.row, self.rows[s].row)
+        return np.where(own, self.compliance_of(self.rows[s].row), 0.0)
+
+    def compliance_of(self, rows: np.ndarray) -> np.ndarray:
+        """(m,) what dual rows yield per force: zero but for contact rows.
+
+        `at_contact` knows whole weights: where a part of them faces anything it yields more.
+        """
+        place, known = lookup(self.at_contact.row, rows)
         compliance = np.append(self.at_contact.compliance, 0.0)[np.where(known, place, -1)]
-        return np.where(own, compliance, 0.0)
+        contact = self.contact
+        if contact.covered is None:
+            return compliance
+        order = np.argsort(contact.normal_row)
+        place, known = lookup(contact.normal_row[order], rows)
+        return compliance * np.where(known, (contact.weight / contact.faced)[order][place], 1.0)
 
     @property
     def own_rows(self) -> slice:

@@ -131,6 +131,8 @@ class FollowingSolver(QuasistaticSolver):
             self.qp.bound = kept["bound"]
         else:
             self.operator.renew(contact)
+            for room in self.effects:
+                room.about(contact)
             self._attach(kept["bound"])
             self._attached = contact
         self.qp.settings = self.fixed_point.settings = self.settings

@@ -355,8 +355,7 @@ def _fields(solver, step, u_t: np.ndarray, way) -> dict[str, np.ndarray]:
         values[6, rows.tangential_node] = wear.depth[rows.tangential_node]
     structure = operator.structure
     if structure.yields:  # B u = c - gradient + what the asperities yield
-        table = structure.at_contact
-        own = table.compliance[np.searchsorted(table.row, structure.row_range[0] + rows.normal)]
+        own = structure.compliance_of(structure.row_range[0] + rows.normal)
         values[0, rows.normal_node] += own * step.multipliers[rows.normal]
     values[1, rows.tangential_node] = -step.gradient[rows.tangential]
     values[2, rows.normal_node] = -step.multipliers[rows.normal]

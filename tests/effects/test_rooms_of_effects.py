@@ -217,7 +217,8 @@ def room_of(module, rooms=(), columns=None, weight=(1.0,)):
     manifest = SimpleNamespace(rooms={name: {}, **dict.fromkeys(rooms, {})}, patterns=[])
     room = module.Room(name, manifest)
     columns = {key: np.array(of, float) for key, of in (columns or {}).items()}
-    contact = SimpleNamespace(columns=columns, weight=np.array(weight), gid=np.arange(len(weight)))
+    contact = SimpleNamespace(columns=columns, weight=np.array(weight), faced=np.array(weight),
+                              gid=np.arange(len(weight)))
     room.prepare(contact)
     return room, contact
 
