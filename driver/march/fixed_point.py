@@ -248,7 +248,8 @@ class FixedPoint:
         friction that holds.
         """
         gradient, t = result.gradient.copy(), self.rows.tangential
-        gradient[t] *= self.rows.sliding(result.x, bound) * gradient[t] < 0
+        along = self.rows.sliding(result.x, bound) * gradient[t] < 0
+        gradient[t] *= along | (bound == 0)  # what has no bound goes where it is moved
         return gradient
 
     def _reduction(self, trace: Trace) -> float:

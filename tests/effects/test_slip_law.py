@@ -31,3 +31,35 @@ def test_friction_that_holds_is_not_weakened_by_what_a_first_qp_is_off(solved, s
     G = 1000 / 2.6
     np.testing.assert_allclose(np.abs(contact["sigma_t"][-1]), 0.003 * G, rtol=1e-5)
     assert np.abs(contact["slip"]).max() < 1e-8
+
+
+# a block pressed into a corner, whose sides move away along themselves in opposite directions
+CORNER = """include "scene.idp"
+quasistatic(1.);
+int[int] sides = [1, 2, 3, 4];
+body = square(5, 5, [x, y], label = sides);
+macro young() 1000. //
+macro poisson() 0.3 //
+macro displacement1() on(3, u1 = -0.01, u2 = -0.02) //
+macro amplitude1(t) t //
+macro contact() 4, 1 //
+macro friction() 0.3 //
+macro displacementFactor(s) (1. - 0.6*s/0.004) //
+real slipRange = 0.004;
+macro obstacleX(t) (label == 1 ? -0.008*t : 0.) //
+macro obstacleY(t) (label == 4 ? 0.008*t : 0.) //
+include "export.idp"
+"""
+
+
+def test_friction_at_a_corner_is_weakened_by_the_way_of_its_vertex(solved, scene):
+    """The vertex rests in the corner without friction of its own, while both sides slide past it.
+
+    Bounds are those of displacements relative to the sides, to the tolerance; that of the vertex
+    had been 2.5 times as large in the first step, as if it had not slid.
+    """
+    contact = solved(scene(CORNER), steps=2, subdomains=1).contact
+    along = contact["u_t"] + 0.008 * np.array([[0.5], [1.0]])
+    factor = np.interp(np.abs(along), [0.0, 0.004], [1.0, 0.4])
+    bound = 0.3 * factor * np.abs(contact["sigma_n"])
+    np.testing.assert_allclose(contact["bound"], bound, atol=1e-6 * bound.max())
