@@ -139,13 +139,13 @@ def largest_pressure(nodes: dict, pieces: list[np.ndarray], pressure: np.ndarray
 def _over_period(nodes: dict, pressure: np.ndarray, piece: np.ndarray) -> tuple:
     """Arc (k,) and traction (k,) on a piece, with the next node beyond where a period ends."""
     arc, p = nodes["arc"][piece], traction(nodes, pressure, piece)
-    before, after = images(nodes, piece)
-    if before > 0:
-        side = nodes["arc"][before] - nodes["arc"][before - 1]
-        arc, p = np.append(arc[0] - side, arc), np.append(pressure[before - 1], p)
-    if 0 <= after < len(pressure) - 1:
-        side = nodes["arc"][after + 1] - nodes["arc"][after]
-        arc, p = np.append(arc, arc[-1] + side), np.append(p, pressure[after + 1])
+    for end, image in zip((0, -1), images(nodes, piece)):
+        beside = [k for k in (image - 1, image + 1) if image >= 0 and 0 <= k < len(pressure)
+                  and nodes["chain"][k] == nodes["chain"][image]]
+        if len(beside) == 1:  # of an end of its own boundary
+            side = abs(nodes["arc"][image] - nodes["arc"][beside[0]])
+            at, place = (len(arc), arc[-1] + side) if end else (0, arc[0] - side)
+            arc, p = np.insert(arc, at, place), np.insert(p, at, pressure[beside[0]])
     return arc, p
 
 
