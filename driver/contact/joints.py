@@ -77,10 +77,10 @@ class Edges:
         return self.xy[:, :2].reshape(-1, 2)[first[count == 1]]
 
     @property
-    def nodes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Gids (n,) of the nodes, in their order, and places (n, 2)."""
-        gids, first = np.unique(self.gid, return_index=True)
-        return gids, self.xy.reshape(-1, 2)[first]
+    def nodes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Gids (n,) of the nodes, in their order, places (n, 2), and the edges by such nodes."""
+        gids, first, inverse = np.unique(self.gid, return_index=True, return_inverse=True)
+        return gids, self.xy.reshape(-1, 2)[first], inverse.reshape(self.gid.shape)
 
     def of(self, label: int) -> "Edges":
         """Those with a label."""
@@ -109,12 +109,11 @@ class Edges:
 
     def side(self, shift: np.ndarray, revolved: bool) -> tuple[Side, np.ndarray]:
         """The side that they make, moved by `shift` (2,), and the gids (n,) of its nodes."""
-        gids, inverse = np.unique(self.gid, return_inverse=True)
-        place = self.nodes[1] + shift
+        gids, place, edges = self.nodes
+        place = place + shift
         radius = place[:, 0] if revolved else None
         curved = rises(self.xy) if self.xy.shape[1] == 3 else {}
-        return Side(place, inverse.reshape(self.gid.shape), self.normals, curved.get("rise"),
-                           radius=radius, **curved), gids
+        return Side(place, edges, self.normals, curved.get("rise"), radius=radius, **curved), gids
 
 
 def boundary_edges(subdomains, labels, nodes: int, comm) -> Edges:

@@ -81,10 +81,10 @@ def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None 
     constrain: the next node's multiplier on the edge takes its part over, which keeps constant
     stress exact and the rows independent. So is it with nodes beyond the other side's end that have
     next to nothing of it, see `_hardly_faces`; the direction of what takes over is the mean of the
-    field of normals. At `corners` ((n,) bool), where the boundary goes on
-    in another direction, the condition is that of the place alone: what a multiplier has else goes
-    to the next node's. So both flanks of a corner that lies in one have the same condition, however
-    the meshes meet, instead of two that hardly differ.
+    field of normals. At `corners` ((n,) bool), where the boundary goes on in another direction, the
+    condition is that of the place alone: what a multiplier has else goes to the next node's. So
+    both flanks of a corner that lies in one have the same condition, however the meshes meet,
+    instead of two that hardly differ.
     """
     normal = first.nodal_normals()
     e, o, start, stop = facing_parts(first, normal, second, able, reach)
@@ -113,7 +113,8 @@ def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None 
                 part = part * first.ring(e, xi)
             np.add.at(weight, row, part)
             np.add.at(gap, row, part * distance)
-            np.add.at(direction, row, part[:, None] * places(first, normal, e, xi)[1])
+            if len(heirs):
+                np.add.at(direction, row, part[:, None] * places(first, normal, e, xi)[1])
             for side, edges, shapes in ((0, first.edges[e], own), (1, second.edges[o], others)):
                 sign = 1.0 if side == 0 else -1.0
                 sides = np.full(len(row), side)

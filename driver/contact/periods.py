@@ -97,7 +97,7 @@ class Periods:
 
 def _in_one_place(one: Edges, two: Edges, way: np.ndarray) -> np.ndarray:
     """(k, 2) gids of nodes of two sides that lie on one another, where `way` takes the second."""
-    (gids, place), (others, there) = one.nodes, two.nodes
+    (gids, place, _), (others, there, _) = one.nodes, two.nodes
     away, nearest = cKDTree(there + way).query(place)
     here = away <= CONGRUENT * one.lengths.sum()
     return np.column_stack([gids[here], others[nearest[here]]])

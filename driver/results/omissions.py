@@ -124,10 +124,11 @@ def held_inside(record) -> list[str]:
 def torn_by_periods(record) -> list[str]:
     """A sentence if both ends of a period, which are one place, are pressed otherwise."""
     b = record.contact.boundary
-    ends = np.flatnonzero(b.image >= 0)
-    other = np.array([np.flatnonzero(b.gid == b.image[end])[0] for end in ends], int)
+    image = b.image
+    ends = np.flatnonzero(image >= 0)
     if not len(ends):
         return []
+    other = [np.flatnonzero(b.gid == gid)[0] for gid in image[ends]]
     pressed, rubbed = (np.array(record.states[name]) for name in ("sigma_n", "sigma_t"))
     apart = np.hypot(*(of[:, ends] - of[:, other] for of in (pressed, rubbed)))
     apart = apart / np.maximum(np.abs(pressed).max(axis=1, initial=0.0), 1e-300)[:, None]
