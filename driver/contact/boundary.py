@@ -99,6 +99,8 @@ class ContactBoundary:
     motion: object = None  # the ObstacleMotion; None: obstacles stand still
     joined: int = 0
     periods: object = None  # the Periods of periods.py; None: nothing repeats itself
+    # (k, 2) nodes that follow one another across a period, and lengths (k,) of the boundary there
+    seams: tuple = (np.empty((0, 2), int), np.zeros(0))
     # where contact follows the motion: what finds it about other displacements (following.py), the
     # covered part (n_c,) of the nodes' weights, and the time that it belongs to
     following: object = None
@@ -149,14 +151,18 @@ class ContactBoundary:
                    for name in ("normal", "covered", *TERMS))
 
     @property
-    def image(self) -> np.ndarray:
-        """(n_c,) gid of the node that a period makes one place with this one; -1: there is none."""
-        image = np.full(len(self.gid), -1)
-        same = np.empty((0, 2), int) if self.periods is None else self.periods.same
-        for pair in same[np.isin(same, self.gid).all(axis=1)]:
-            for gid, at in (pair, pair[::-1]):
-                image[self.gid == gid] = at
-        return image
+    def onward(self) -> np.ndarray:
+        """(n_c,) the node that follows across a period; -1: none does."""
+        onward, (one, two) = np.full(len(self.gid), -1), self.seams[0].T
+        onward[one], onward[two] = two, one
+        return onward
+
+    @property
+    def seam(self) -> np.ndarray:
+        """(n_c,) length of the boundary to the node that follows across a period, 0 without one."""
+        seam = np.zeros(len(self.gid))
+        seam[self.seams[0]] = self.seams[1][:, None]
+        return seam
 
     @property
     def motion_of_all_times(self):
@@ -257,9 +263,10 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm, sides
     if missing:
         raise InputError(f"no contact node has the label {missing[0]}: the scene declares contact "
                          "on a label that its mesh lacks")
+    ends = periods and periods.ends(nodes, fixed[0])  # what the periods make one place
     found = FoundNodes(nodes, chains(nodes, skeleton), fixed,
                        skeleton.are_middles(nodes.gid), manifest.axisymmetric,
-                       bool(manifest.curved))
+                       bool(manifest.curved), ends)
     gap = effects.distance(nodes.columns, len(nodes.gid))
     motion = effects.motion(nodes, gap)
     following = effects.following(nodes, motion)
@@ -290,6 +297,7 @@ class FoundNodes:
     middles: np.ndarray
     axisymmetric: bool
     curved: bool = False  # sides of elements, see nodes.merge_parts
+    ends: object = None  # the Ends of periods.py; None: nothing repeats itself
 
     def boundary(self, gap: np.ndarray, motion, sides, following=None,
                  normal: np.ndarray | None = None) -> ContactBoundary:
@@ -312,8 +320,15 @@ class FoundNodes:
             gap = np.bincount(row, value * gap[other], n)
             if motion is not None:
                 motion.gap = np.array([np.bincount(row, value * g[other], n) for g in motion.gap])
+        columns, ends, heir = nodes.columns, self.ends, None
+        if ends is not None:
+            weight, length, heir = ends.sums(weight), ends.sums(length), nodes.gid[ends.heir]
+            gap, normal = ends.means(gap), ends.normals(normal)
+            columns = {name: ends.means(of) for name, of in columns.items()}
+            if motion is not None:
+                motion.gap = np.array([ends.means(g) for g in motion.gap])
         own = row, nodes.gid[other], value, np.zeros(len(row), bool)
-        rigid, whole, terms = ~paired[row], weight.copy(), []
+        rigid, whole, full, terms = ~paired[row], weight.copy(), length.copy(), []
         _, vertex, count = np.unique(nodes.gid[paired], return_inverse=True, return_counts=True)
         rubs = np.zeros(n, bool)
         for name in nodes.columns.keys() & set(RUBBING):
@@ -326,7 +341,8 @@ class FoundNodes:
             without = None if following is None or following.lost is None else following.lost[here]
             (weight[here], length[here], normal[here], more, guided[here], lost[here],
              (node, *term)) = sides.couple(pairs, nodes.gid[here], nodes.normal[here], twin[here],
-                                           rubs[here], following and following.reach, without)
+                                           rubs[here], following and following.reach, without,
+                                           None if heir is None else heir[here])
             gap[here] += more
             if motion is not None:
                 motion.gap[:, here] = gap[here]
@@ -336,7 +352,7 @@ class FoundNodes:
         if following is not None:
             if following.lost is None:
                 following.lost = lost
-            whole, length = (along.handed_on(of, following.lost) for of in (whole, nodes.length))
+            whole, length = (along.handed_on(of, following.lost) for of in (whole, full))
             covered = np.divide(weight, whole, out=np.zeros(n), where=whole > 0)
             rigid = rigid | (covered[row] <= 0)
             weight = whole
@@ -357,13 +373,18 @@ class FoundNodes:
             *(of[clamped] for of in (nodes.gid, nodes.label, nodes.xy, normal, gap)), values,
             motion and motion.of(clamped))
         none = np.full(len(order), -1)
+        edges = position[along.edges[~paired[along.edges].any(axis=1)]]
+        seams = ContactBoundary.seams
+        if ends is not None:
+            pairs, lengths = ends.seams(along, ~unused)
+            seams = position[pairs], lengths
         return ContactBoundary(
             *(of[order] for of in (nodes.gid, nodes.label, along.number, nodes.xy, along.arc,
                                    weight, length, normal)),
-            {name: of[order] for name, of in nodes.columns.items()}, gap[order],
+            {name: of[order] for name, of in columns.items()}, gap[order],
             nodes.family[order], nodes.meeting, self.middles[order], *terms,
             guided[order], none, none.copy(),
-            position[along.edges[~paired[along.edges].any(axis=1)]], clamped,
+            edges[(edges >= 0).all(axis=1)], clamped,
             about=sides and sides.about, axisymmetric=self.axisymmetric,
             motion=motion and motion.of(order), following=following,
-            covered=None if covered is None else covered[order])
+            covered=None if covered is None else covered[order], seams=seams)

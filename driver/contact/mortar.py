@@ -92,7 +92,9 @@ def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None 
     heir = _heirs(first.edges, whole)
     gives = held[first.edges] | _hardly_faces(first.edges, e, start, stop) & ~held[heir]
     rows = np.where(gives, heir, first.edges)
-    heirs = np.unique(heir[gives])
+    if first.same is not None:
+        rows = first.in_one_place[rows]
+    heirs = np.unique(rows[gives])
     weight, length, gap, direction = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((n, 2))
     along = 1.0
     if first.rise is not None:

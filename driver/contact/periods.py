@@ -4,10 +4,11 @@ What periodic boundaries (joints.py) declare once goes on for ever: a body that 
 than the other one, or slides along it, meets the other's image, moved by a whole number of periods.
 Images have the displacements of what they are images of.
 
-Where the boundary with the contact nodes ends on a periodic side both its ends are one place, whose
-displacements the joint makes equal. Each would have a contact condition of its own there, on half
-of what the other body has around the place. So they have none, and the next nodes' multipliers take
-their parts over, as beside supports (held.py).
+Where contact goes on across a periodic side both ends of its boundary are one place, whose
+displacements the joint makes equal: one of them has the condition of both, on what either faces,
+and the boundary goes on from it to the node that follows the other one. Conditions of their own
+would each be on half of what there is around the place. A node of a pair whose boundary does not
+go on has none: the next node's multiplier takes its part over, as beside supports (held.py).
 """
 
 from dataclasses import dataclass, replace
@@ -18,6 +19,7 @@ from scipy.spatial import cKDTree
 
 from ..errors import InputError
 from .joints import CONGRUENT, Edges, boundary_edges, translation
+from .nodes import TURN
 from .side import Side
 
 ASKEW = 0.01  # sine of the angle from which on two directions are two
@@ -59,6 +61,26 @@ class Periods:
         pairs = self.same[np.isin(self.same, gids).all(axis=1)]
         return order[np.searchsorted(gids, pairs, sorter=order)]
 
+    def ends(self, nodes, fixed: np.ndarray) -> "Ends":
+        """The Ends of the contact `nodes` of nodes.py; `fixed` are keys 2 gid + component that
+        supports hold.
+
+        At corners, where a vertex has several nodes, none are in one place. Of two that are the
+        second has the condition of both. Each has its own if a support holds one, if they meet
+        different bodies, and where they are the two sides of a corner.
+        """
+        gid, first, count = np.unique(nodes.gid, return_index=True, return_counts=True)
+        gid, first = gid[count == 1], first[count == 1]
+        met, held = first[self.same_of(gid)], np.isin(nodes.gid, fixed // 2)
+        one, two = met.T
+        alike = (nodes.normal[one] * nodes.normal[two]).sum(axis=1) >= TURN
+        alike &= (nodes.family[one] == nodes.family[two]) & ~held[met].any(axis=1)
+        heir = np.arange(len(nodes.gid))
+        heir[one[alike]] = two[alike]
+        whole = np.bincount(heir, nodes.weight, len(heir))[heir]
+        share = np.divide(nodes.weight, whole, out=np.ones(len(heir)), where=whole > 0)
+        return Ends(met, heir, share)
+
     def offsets(self, near: np.ndarray, place: np.ndarray) -> np.ndarray:
         """(m, 2) by which images of places (k, 2) are moved that come beside `near` (n, 2).
 
@@ -93,6 +115,51 @@ class Periods:
         moves, count = self.offsets(near, place[edges].reshape(-1, 2)), len(place)
         return (np.concatenate([edges + k * count for k in range(len(moves))]),
                 (moves[:, None] + place).reshape(-1, 2), np.tile(moved, (len(moves), 1)))
+
+
+@dataclass(frozen=True)
+class Ends:
+    """Contact nodes that periods make one place, `met` (k, 2), and what has the condition of both:
+    node `heir` (n,) has that of each. What are means counts by the nodes' `share` (n,) of its
+    weight.
+    """
+
+    met: np.ndarray
+    heir: np.ndarray
+    share: np.ndarray
+
+    def sums(self, of: np.ndarray) -> np.ndarray:
+        """(n,) sums over what is one condition, zero for nodes that have none."""
+        return np.bincount(self.heir, of, len(of))
+
+    def means(self, of: np.ndarray) -> np.ndarray:
+        """(n,) the same of means; nodes that have no condition keep their own."""
+        own = self.heir == np.arange(len(of))
+        return np.where(own, np.bincount(self.heir, self.share * of, len(of)), of)
+
+    def normals(self, normal: np.ndarray) -> np.ndarray:
+        """(n, 2) unit means of normals."""
+        mean = np.column_stack([self.means(of) for of in normal.T])
+        return mean / np.linalg.norm(mean, axis=1)[:, None]
+
+    def seams(self, along, used: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pairs (k, 2) of contact nodes that follow one another across a period, and lengths (k,).
+
+        `along` are the Chains. Of an end that has no condition, is not `used` (n,), the next node
+        in its chain counts. Where both have one the boundary ends, as at a corner.
+        """
+        pairs, lengths = [], []
+        for ends in self.met:
+            found = []
+            for end in ends:
+                own = np.flatnonzero(used & (along.number == along.number[end]))
+                away = np.abs(along.arc[own] - along.arc[end])
+                found += [(own[away.argmin()], away.min())] * bool(len(own))
+            length = sum(away for _, away in found)
+            if len(found) == 2 and length > 0 and found[0][0] != found[1][0]:
+                pairs.append([node for node, _ in found])
+                lengths.append(length)
+        return np.array(pairs, int).reshape(-1, 2), np.array(lengths)
 
 
 def _in_one_place(one: Edges, two: Edges, way: np.ndarray) -> np.ndarray:

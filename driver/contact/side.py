@@ -28,7 +28,8 @@ class Side:
     by default as they lie. `radius` (n,) of the nodes there, for bodies of revolution, whose
     integrals have the weight 2 pi r. `chord` and `rise` (e, 2), of edges that are curved
     themselves, are the ways from end to end and from its middle to the edge's in that
-    configuration. `same` (k, 2) are nodes that a period makes one place.
+    configuration. `same` (k, 2) are nodes that a period makes one place; the second has the
+    condition there.
     """
 
     xy: np.ndarray
@@ -66,13 +67,16 @@ class Side:
         return np.linalg.norm(tangent, axis=1) / self.length[e]
 
     def uniform(self) -> tuple[np.ndarray, np.ndarray]:
-        """(n, 2) int phi_i n ds as the edges lie, and (n,) int phi_i ds, of curved edges."""
+        """(n, 2) int phi_i n ds as the edges lie, and (n,) int phi_i ds, of curved edges.
+
+        Of nodes at one place together.
+        """
         place = self.xy[self.edges]
         place[:, 2] = place[:, :2].mean(axis=1) + self.bow
         force, length = np.zeros_like(self.xy), np.zeros(len(self.xy))
         np.add.at(force, self.edges, sides.normals(place))
         np.add.at(length, self.edges, sides.integrals(place))
-        return force, length
+        return self._joined(force), self._joined(length)
 
     @property
     def begins_on_axis(self) -> np.ndarray:
@@ -83,13 +87,20 @@ class Side:
 
     def nodal_normals(self) -> np.ndarray:
         """(n, 2) unit averages of the edges' normals, see `_averages`; smooth across an axis."""
-        normal = self._averages() if self.rise is None else unit(self._joined(self.uniform()[0]))
+        normal = self._averages() if self.rise is None else unit(self.uniform()[0])
         if self.radius is None:
             return normal
         return smooth_normals(normal, self.edges[:, :2], self.radius)
 
+    @property
+    def in_one_place(self) -> np.ndarray:
+        """(n,) which node has the condition of each."""
+        node = np.arange(len(self.xy))
+        node[self.same[:, 0]] = self.same[:, 1]
+        return node
+
     def _joined(self, total: np.ndarray) -> np.ndarray:
-        """Sums over the edges at every node (n, 2), those at one place added up."""
+        """Sums over the edges at every node (n, ...), those at one place added up."""
         if self.same is None:
             return total
         one, two = self.same.T

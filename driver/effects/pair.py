@@ -67,7 +67,7 @@ class PairSides:
 
     def couple(self, pairs: list[tuple[int, int]], nodes: np.ndarray, facing: np.ndarray,
                corner: np.ndarray, rubs: np.ndarray, reach: float | None = None,
-               without: np.ndarray | None = None):
+               without: np.ndarray | None = None, heir: np.ndarray | None = None):
         """What the contact nodes meet: weight and length (n,) of what faces them, normal (n, 2),
         gap (n,), guided (n,) which of them carry pressure and no friction and lost (n,) which have
         no condition (contact/held.py), and the terms of the jump, one for every node of either
@@ -80,7 +80,7 @@ class PairSides:
 
         `reach`: of several places that a place faces within it the nearest counts, and there may
         be none. By default there must be one. Nodes `without` (n,) condition stay so wherever the
-        boundaries are.
+        boundaries are; those that are one place across a period have that of their `heir`, by gid.
 
         `pairs` are labels whose first ones make one boundary.
 
@@ -92,7 +92,7 @@ class PairSides:
         second, others, two, *_ = self._side(other_labels)
         within = reach
         if self.periods is not None:
-            first.same = self.periods.same_of(gids)
+            first.same = _in_one_place(gids, nodes, nodes if heir is None else heir)
             second, times = self.periods.repeated(second, first.xy)
             others, two = np.tile(others, times), np.tile(two, times)
             within = np.inf if reach is None else reach  # of images the nearest
@@ -116,6 +116,7 @@ class PairSides:
             lost &= ~tip
             if self.periods is not None:
                 lost |= np.isin(gids, self.periods.gids)
+                lost[first.same] = False
             if without is not None:
                 lost[places] |= without
             held = held_nodes(gids, self.fixed[0]) | tip | lost
@@ -174,6 +175,15 @@ class PairSides:
             bow = rise[:, None] * normal
         side = Side(xy.reshape(-1, 2)[first], edges, normal, bow, length, radius, **curved)
         return side, gids, self.label[here], places, twins
+
+
+def _in_one_place(gids: np.ndarray, nodes: np.ndarray, heir: np.ndarray) -> np.ndarray:
+    """(k, 2) which of a side's nodes `gids` those contact `nodes` are that have the condition of an
+    `heir`, and these heirs.
+    """
+    both = np.column_stack([nodes, heir])[nodes != heir]
+    order = np.argsort(gids, kind="stable")
+    return order[np.searchsorted(gids, both, sorter=order)]
 
 
 def _normals(xy: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ between nodes as those of the whole scene, see quantities.py.
 import numpy as np
 
 from ..contact.states import OPEN, SLIP, ContactField
-from .contact_edges import NODES, chains, contact_lengths
+from .contact_edges import NODES, chains, contact_lengths, part_of
 from .quantities import largest_pressure, longest_ways
 from .tables import BOUNDARIES
 
@@ -46,7 +46,7 @@ def _one_boundary(boundary, states: dict[str, np.ndarray], of_label: tuple,
     """
     label, share, length = of_label
     own = np.flatnonzero(share)
-    nodes = {name: getattr(boundary, name)[own] for name in NODES}
+    nodes = part_of({name: getattr(boundary, name) for name in NODES}, own)
     # between two pieces of one label lie nodes of others
     nodes["chain"] = nodes["chain"] * len(own) + np.cumsum(np.diff(own, prepend=own[:1]) > 1)
     nodes["weight"] = weight = nodes["weight"] * share[own]

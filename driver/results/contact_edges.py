@@ -13,8 +13,8 @@ from ..contact.states import OPEN
 # smooth boundaries L^2/24 R^2 of it, in corners more
 BEND = 1e-2
 # columns of a ContactBoundary that places between nodes follow from
-NODES = ("xy", "arc", "chain", "weight", "length", "gap", "paired", "middle", "mirrored", "gid",
-         "image")
+NODES = ("xy", "arc", "chain", "weight", "length", "gap", "paired", "middle", "mirrored", "onward",
+         "seam")
 NEXT = 3  # open nodes that locate an end of contact, the first of them once and once not
 EDGE = 0.3  # of an edge in which contact ends: what is open of the place
 
@@ -32,11 +32,11 @@ def beyond_ends(nodes: dict, piece: np.ndarray) -> np.ndarray:
     """(2,) lengths of the edges beyond the ends of a piece, zero at an end of the boundary.
 
     There is such an edge where a clamped node, which carries no contact condition, follows; the
-    dual segment of the last node then covers half of it, between two bodies all of it. The edge
-    that closes a ring is shared by both ends. Between nodes of quadratic elements it is half an
-    edge: a vertex has a third of it, the middle two thirds of either half. Below zero is what an
-    end between two bodies faces less than its edge: that edge has straight shape functions, and
-    what it faces is what both its nodes have of it.
+    dual segment of the last node then covers half of it, between two bodies all of it. What closes
+    a ring, or leads on across a period, is shared by both ends. Between nodes of quadratic elements
+    it is half an edge: a vertex has a third of it, the middle two thirds of either half. Below zero
+    is what an end between two bodies faces less than its edge: that edge has straight shape
+    functions, and what it faces is what both its nodes have of it.
     """
     side = np.diff(nodes["arc"][piece])
     if not len(side):
@@ -55,30 +55,34 @@ def beyond_ends(nodes: dict, piece: np.ndarray) -> np.ndarray:
                 beyond[k] = own[end] + own[next_one] - rest - near[k]
     beyond[np.abs(beyond) < 1e-6 * near] = 0.0
     beyond = np.where(nodes["paired"][ends], beyond, np.maximum(beyond, 0.0))
+    across = onward(nodes, piece) >= 0
+    if across.any():
+        return np.where(across, nodes["seam"][ends] / 2, beyond)
     if (beyond > 0).all() and is_ring(nodes, piece):
         return np.full(2, np.linalg.norm(np.subtract(*nodes["xy"][ends])) / 2)
     return beyond
 
 
 def is_ring(nodes: dict, piece: np.ndarray) -> bool:
-    """Whether the last node of a piece is the neighbour of its first."""
+    """Whether the last node of a piece is followed by its first, there or across a period."""
+    if len(piece) < 3:
+        return False
     side, closing = np.diff(nodes["arc"][piece]), np.subtract(*nodes["xy"][piece[[0, -1]]])
-    return len(piece) > 2 and float(np.linalg.norm(closing)) < 1.5 * side.max()
+    return (onward(nodes, piece)[1] == piece[0]
+            or float(np.linalg.norm(closing)) < 1.5 * side.max())
 
 
-def images(nodes: dict, piece: np.ndarray) -> np.ndarray:
-    """(2,) nodes that a period makes one place with the ends of a piece, -1 where none does.
+def onward(nodes: dict, piece: np.ndarray) -> np.ndarray:
+    """(2,) nodes that follow the ends of a piece across a period, -1 where none does."""
+    return nodes["onward"][piece[[0, -1]]] if "onward" in nodes else np.full(2, -1)
 
-    A vertex of a corner, which is two nodes, has none.
-    """
-    found = np.full(2, -1)
-    if "image" not in nodes:
-        return found
-    for k, end in enumerate(piece[[0, -1]]):
-        there = np.flatnonzero(nodes["gid"] == nodes["image"][end])
-        if len(there) == 1 and (nodes["gid"] == nodes["gid"][end]).sum() == 1:
-            found[k] = there[0]
-    return found
+
+def part_of(nodes: dict, own: np.ndarray) -> dict:
+    """The columns of some nodes, by their indices `own` (k,), in rising order."""
+    columns = {name: column[own] for name, column in nodes.items()}
+    place = np.searchsorted(own, columns["onward"]).clip(0, len(own) - 1)
+    columns["onward"] = np.where(own[place] == columns["onward"], place, -1)
+    return columns
 
 
 def contact_length(nodes: dict, pieces: list[np.ndarray], steps: dict, index: int) -> float:
@@ -112,8 +116,9 @@ def _lengths_of(nodes: dict, piece: np.ndarray, steps: dict,
     if len(piece) == 1:
         return piece, piece, own[piece] * closed
     inside = np.diff(nodes["arc"][piece]) * (closed[1:] & closed[:-1])
-    beyond = beyond_ends(nodes, piece)
-    whole = closed[[0, -1]] & closed[[1, -2]]  # edges at the ends
+    beyond, whole = beyond_ends(nodes, piece), closed[[0, -1]] & closed[[1, -2]]  # at the ends
+    follows = onward(nodes, piece)
+    beyond[(follows >= 0) & (steps["status"][index][follows] == OPEN) & ~whole] = 0.0
     at_ends = np.where(whole, beyond, np.maximum(beyond, 0.0)) * closed[[0, -1]]
     parts = edges_of_contact(nodes, piece, steps, index)
     ends = [(0, -1, beyond[0]), (len(piece) - 1, len(piece), beyond[1])]

@@ -14,7 +14,6 @@ COARSE = 0.01  # RTOL beyond which forces are guesses; FRICTION_RTOL: ten times 
 FAR = 3.0  # times the size of the largest body
 APART = 0.5  # of that size, from which on a declared distance is seldom meant
 SLIDES = 1e-6  # part of the largest slip that is one
-TORN = 0.1  # of the largest traction: what both ends of a period may differ by
 OVERLAP, FACETS = 1e-3, 0.05  # of the boundary's size, of a dual segment: what facets may overlap
 
 
@@ -119,27 +118,6 @@ def held_inside(record) -> list[str]:
             f"it meets, by {deep:.2g} in step {step + 1}: pressures and forces beside it grow with "
             "every finer mesh; let the support end before the contact label, or move it with the "
             "obstacle"]
-
-
-def torn_by_periods(record) -> list[str]:
-    """A sentence if both ends of a period, which are one place, are pressed otherwise."""
-    b = record.contact.boundary
-    image = b.image
-    ends = np.flatnonzero(image >= 0)
-    if not len(ends):
-        return []
-    other = [np.flatnonzero(b.gid == gid)[0] for gid in image[ends]]
-    pressed, rubbed = (np.array(record.states[name]) for name in ("sigma_n", "sigma_t"))
-    apart = np.hypot(*(of[:, ends] - of[:, other] for of in (pressed, rubbed)))
-    apart = apart / np.maximum(np.abs(pressed).max(axis=1, initial=0.0), 1e-300)[:, None]
-    step, k = np.unravel_index(apart.argmax(), apart.shape)
-    if apart[step, k] <= TORN:
-        return []
-    x, y = b.xy[ends[k]]
-    return [f"contact goes on across the periodic side at ({x:.4g}, {y:.4g}), where tractions of "
-            f"both ends differ by {100 * apart[step, k]:.0f} % of the largest one in step "
-            f"{step + 1}: each end obeys contact and friction by itself; let the period begin "
-            "where the bodies are apart, or take a finer mesh there"]
 
 
 def _half_rough(b: ContactBoundary) -> list[str]:

@@ -21,8 +21,8 @@ displacement.
 import numpy as np
 
 from ..contact.states import OPEN, SLIP
-from .contact_edges import (beyond_ends, chains, contact_length, edges_of_contact, images,
-                            is_ring)
+from .contact_edges import (beyond_ends, chains, contact_length, edges_of_contact, is_ring,
+                            onward)
 
 END = 2  # nodes that count as the end of a boundary
 NEARLY = 0.5  # part of the largest pressure that may exceed it on a finer mesh
@@ -99,10 +99,10 @@ def singular_places(nodes: dict, steps: dict, index: int) -> tuple[str, ...]:
         top = int(p.argmax())
         if (status[piece][max(top - side, 0):top + side + 1] == OPEN).any():
             at_end = max(at_end, p[top])
-        for end, outer, image in zip((0, -1), (slice(near), slice(-near, None)),
-                                     images(nodes, piece)):
+        for end, outer, follows in zip((0, -1), (slice(near), slice(-near, None)),
+                                       onward(nodes, piece)):
             mirrored = nodes["mirrored"][piece[end]] and not rubs[piece[outer]].any()
-            if status[piece[end]] != OPEN and not mirrored and image < 0:
+            if status[piece[end]] != OPEN and not mirrored and follows < 0:
                 at_end = max(at_end, p[outer].max())
     return ("peak_pressure",) if at_end > NEARLY * largest else ()
 
@@ -139,13 +139,11 @@ def largest_pressure(nodes: dict, pieces: list[np.ndarray], pressure: np.ndarray
 def _over_period(nodes: dict, pressure: np.ndarray, piece: np.ndarray) -> tuple:
     """Arc (k,) and traction (k,) on a piece, with the next node beyond where a period ends."""
     arc, p = nodes["arc"][piece], traction(nodes, pressure, piece)
-    for end, image in zip((0, -1), images(nodes, piece)):
-        beside = [k for k in (image - 1, image + 1) if image >= 0 and 0 <= k < len(pressure)
-                  and nodes["chain"][k] == nodes["chain"][image]]
-        if len(beside) == 1:  # of an end of its own boundary
-            side = abs(nodes["arc"][image] - nodes["arc"][beside[0]])
+    for end, follows in zip((0, -1), onward(nodes, piece)):
+        if follows >= 0:
+            side = nodes["seam"][piece[end]]
             at, place = (len(arc), arc[-1] + side) if end else (0, arc[0] - side)
-            arc, p = np.insert(arc, at, place), np.insert(p, at, pressure[beside[0]])
+            arc, p = np.insert(arc, at, place), np.insert(p, at, pressure[follows])
     return arc, p
 
 
@@ -155,19 +153,14 @@ def traction(nodes: dict, pressure: np.ndarray, piece: np.ndarray) -> np.ndarray
     An end node has half a dual segment and one or two triangles: force over weight errs there by
     O(h) however smooth the pressure is. The line through its neighbours is of second order. With
     quadratic elements so is the node's own: its shape function has no first moment. On a line of
-    symmetry, where `mirrored` nodes (n,) are, pressure is level, and that a parabola. Where a
-    period ends the forces and weights of the node and its image are those of one place.
+    symmetry, where `mirrored` nodes (n,) are, pressure is level, and that a parabola. Across a
+    period the boundary goes on.
     """
-    p, x, across = pressure[piece].copy(), nodes["arc"][piece], images(nodes, piece)
-    for end, image in zip((0, -1), across):
-        if image >= 0:
-            both = [piece[end], image]
-            p[end] = pressure[both] @ nodes["weight"][both] / nodes["weight"][both].sum()
+    p, x = pressure[piece].copy(), nodes["arc"][piece]
     if nodes["middle"].any():
         return p
     level = nodes["mirrored"][piece]
-    beyond = np.where(across < 0, beyond_ends(nodes, piece), np.inf)
-    for end, (near, far), edge in zip((0, -1), ((1, 2), (-2, -3)), beyond):
+    for end, (near, far), edge in zip((0, -1), ((1, 2), (-2, -3)), beyond_ends(nodes, piece)):
         if edge <= 0 and len(piece) > 3 and min(p[[end, near, far]]) > 0:
             one, two = np.abs(x[[near, far]] - x[end])
             share = one**2 / (two**2 - one**2) if level[end] else one / (two - one)

@@ -15,7 +15,7 @@ def label_shares(structure: Substructure) -> tuple[np.ndarray, np.ndarray]:
     one.
     """
     b, outer = structure.contact.declared, structure.outer_edges
-    ends = np.concatenate([b.edges[(b.edges >= 0).all(axis=1)], _between_bodies(b, outer)])
+    ends = np.concatenate([b.edges, _between_bodies(b, outer)])
     gid, place = np.concatenate([b.gid, b.clamped.gid]), np.concatenate([b.xy, b.clamped.xy])
     span = max(outer[:, :2].max(initial=0), gid.max(initial=0)) + 1
     keys = np.sort(outer[:, :2], axis=1) @ [span, 1]

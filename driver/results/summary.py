@@ -212,7 +212,6 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
                 *omissions.far_gaps(structure, problem.effects.rooms),
                 *omissions.support_jumps(structure.support_jumps),
                 *omissions.without_wear(writer.record), *omissions.held_inside(writer.record),
-                *omissions.torn_by_periods(writer.record),
                 *(writer.probes.warnings if writer.probes else [])]
     if optional.get("validity") and optional["validity"]["verdict"] != "ok":
         doubt = optional["validity"]

@@ -241,8 +241,8 @@ class Faced:
         self.configuration = configuration
         return self
 
-    def couple(self, pairs, gid, normal, twin, rubs, reach, without):
-        assert pairs == [(8, 9)] and reach == 7.0
+    def couple(self, pairs, gid, normal, twin, rubs, reach, without, heir):
+        assert pairs == [(8, 9)] and reach == 7.0 and heir is None
         faces = np.arange(len(gid)) % 2 == 0
         weight = np.where(faces, self.nodes.weight[self.here], 0.0)
         node = np.flatnonzero(faces)

@@ -190,29 +190,6 @@ def test_nodes_that_are_held_and_slide_without_wear_are_named(solved, named_scen
     assert len(said) == bool(held) and all(line.startswith(f"{held} contact") for line in said)
 
 
-WAVE = """include "scene.idp"
-real start = physical("start", 0.);
-mesh Wave = square(40, 8, [4*x + start, 2*y]);
-body = movemesh(Wave, [x, y + (2 - y)*0.04*(1 + cos(pi*x/2))]);
-macro young() 300. //
-macro poisson() 0.2 //
-macro periodic() 2, 4 //
-macro contact() 1 //
-macro obstacle(x, y) y //
-macro friction() 0.3 //
-macro displacement1() on(3, u1 = 0.05, u2 = -0.02) //
-include "export.idp"
-"""
-
-
-@pytest.mark.parametrize("start, said", [(2.0, True), (4.0, False)])
-@pytest.mark.some(1)
-def test_crests_that_a_period_tears_are_said(solved, named_scene, start, said):
-    """A wave that slides on a rigid plane, whose crest is at both ends of the period or within."""
-    warnings = solved(named_scene("wave", WAVE), start=start).summary["warnings"]
-    assert any("tractions of both ends differ" in line for line in warnings) == said
-
-
 def test_loads_are_told_body_by_body(run_of):
     """Weight of the upper block alone, 2 mm by 1 mm; the traction pushes on the same one."""
     summary = run_of(BLOCKS.format(bottom=1.0, more="macro bodyForce2() "

@@ -822,19 +822,19 @@ def test_a_largest_pressure_at_a_line_of_symmetry_stands_out_from_its_image(side
 
 @pytest.mark.parametrize("forward", [True, False])
 def test_a_peak_at_the_end_of_a_period_is_that_of_the_boundary_that_goes_on(forward):
-    """p = 1 - (s - 0.05)^2 at s = -0.5, 0, 0.5, on two boundaries that meet at 0 across a period.
+    """p = 1 - (s - 0.05)^2 at s = -0.5, 0, 0.5, on two boundaries that meet across a period: one
+    ends at 0, the other begins half on. That may be walked either way.
 
-    The second may be walked either way. The parabola through three nodes is exact.
+    The parabola through three nodes is exact.
     """
-    s = np.array([0.0, 0.5, 1.0, -1.0, -0.5, 0.0])
-    order = np.arange(6) if forward else np.array([0, 1, 2, 5, 4, 3])
-    gid = np.array([10, 11, 12, 20, 21, 22])[order]
-    image = np.where(gid == 10, 22, np.where(gid == 22, 10, -1))
-    nodes = {"arc": np.array([0.0, 0.5, 1.0, 0.0, 0.5, 1.0]), "chain": np.repeat([0, 1], 3),
-             "xy": np.column_stack([s[order], np.zeros(6)]), "weight": np.full(6, 0.5),
-             "length": np.full(6, 0.5), "paired": np.zeros(6, bool), "middle": np.zeros(6, bool),
-             "mirrored": np.zeros(6, bool), "gid": gid, "image": image}
-    nodes["weight"][[0, 5 if forward else 3]] = 0.25
-    pieces = [np.arange(3), np.arange(3, 6)]
+    s = np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
+    order = np.arange(5) if forward else np.array([0, 1, 2, 4, 3])
+    onward = np.where(s == 0.0, 3 if forward else 4, np.where(s == 0.5, 2, -1))[order]
+    nodes = {"arc": np.array([0.0, 0.5, 1.0, 0.0, 0.5]), "chain": np.array([0, 0, 0, 1, 1]),
+             "xy": np.column_stack([s[order], np.zeros(5)]), "weight": np.full(5, 0.5),
+             "length": np.full(5, 0.5), "paired": np.zeros(5, bool), "middle": np.zeros(5, bool),
+             "mirrored": np.zeros(5, bool), "onward": onward,
+             "seam": np.where(onward >= 0, 0.5, 0.0)}
+    pieces = [np.arange(3), np.arange(3, 5)]
     pressure = np.where(np.abs(s[order]) < 1, 1.0 - (s[order] - 0.05) ** 2, 0.3)
     assert q.largest_pressure(nodes, pieces, pressure) == pytest.approx(1.0, rel=1e-12)

@@ -125,7 +125,7 @@ def test_a_node_where_labels_meet_is_shared_as_its_segment_is(revolved, quadrati
     """Lengths of both edges, or what the rings of their functions have in it."""
     place = np.array([[1.0, 0.0], [2.0, 0.0], [5.0, 0.0]])
     b = SimpleNamespace(gid=np.array([4, 2, 7]), xy=place, label=np.array([1, 1, 3]),
-                        edges=np.array([[0, 1], [2, 1], [1, -1]]), axisymmetric=revolved,
+                        edges=np.array([[0, 1], [2, 1]]), axisymmetric=revolved,
                         meeting=[], paired=np.zeros(3, bool),
                         clamped=SimpleNamespace(gid=np.zeros(0, int), xy=np.zeros((0, 2))))
     structure = SimpleNamespace(
@@ -166,7 +166,7 @@ def test_forces_of_a_boundary_follow_its_normals_where_they_change():
     b = SimpleNamespace(xy=np.column_stack([x, 0 * x]), arc=x, chain=np.zeros(4, int),
                         weight=np.ones(4), length=np.ones(4), gap=np.zeros(4),
                         paired=np.zeros(4, bool), middle=np.zeros(4, bool),
-                        mirrored=np.zeros(4, bool), gid=np.arange(4), image=np.full(4, -1),
+                        mirrored=np.zeros(4, bool), onward=np.full(4, -1), seam=np.zeros(4),
                         normal=normal,
                         tangent=np.column_stack([-normal[:, 1], normal[:, 0]]))
     states = {ContactField.SIGMA_N: -rng.random((2, 4)), ContactField.SIGMA_T: rng.random((2, 4)),
