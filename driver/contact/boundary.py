@@ -274,14 +274,7 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm, sides
         boundary = found.boundary(gap, motion, sides)
     else:
         boundary = following.first(found, gap, sides)
-    if joints := effects.joints:
-        from .joints import appended, joint_rows  # here: few scenes need them
-
-        rows = joint_rows(boundary, joints, manifest, subdomains, fixed, comm)
-        boundary = replace(appended(boundary, rows), periods=periods)
-        if following is not None:
-            following.joints = rows
-    return boundary
+    return boundary if periods is None else replace(boundary, periods=periods)
 
 
 @dataclass

@@ -116,8 +116,10 @@ class Edges:
         return Side(place, edges, self.normals, curved.get("rise"), radius=radius, **curved), gids
 
 
-def boundary_edges(subdomains, labels, nodes: int, comm) -> Edges:
-    """The edges with some `labels`, of `nodes` nodes each; collective."""
+def joined_edges(joints: list[Joint], manifest, subdomains, comm) -> Edges:
+    """The edges of both sides of `joints`; collective."""
+    nodes = 2 if manifest.element == "P1" else 3
+    labels = sorted({label for joint in joints for label in (joint.first, joint.second)})
     parts = [np.empty((0, 1 + 3 * nodes))]
     for sub in subdomains:
         edges = outward_edges(sub.triangles)
@@ -132,15 +134,21 @@ def boundary_edges(subdomains, labels, nodes: int, comm) -> Edges:
                  table[:, 1 + nodes:].reshape(-1, nodes, 2))
 
 
-def joint_rows(boundary, joints: list[Joint], manifest, subdomains, fixed, comm) -> list[dict]:
-    """The rows of `joints`, for `appended` to a ContactBoundary; collective.
+def with_joints(boundary, joints: list[Joint], edges: Edges, manifest, fixed):
+    """A ContactBoundary with the rows of `joints`, whose sides have the `edges`, behind its own.
 
     `fixed` as fixed_dofs of feti returns it. Raises InputError for boundaries that cannot be
     joined.
     """
-    labels = {label for joint in joints for label in (joint.first, joint.second)}
-    nodes = 2 if manifest.element == "P1" else 3
-    edges = boundary_edges(subdomains, sorted(labels), nodes, comm)
+    rows = _joint_rows(boundary, joints, edges, manifest, fixed)
+    if boundary.following is not None:
+        boundary.following.joints = rows
+    return appended(boundary, rows)
+
+
+def _joint_rows(boundary, joints: list[Joint], edges: Edges, manifest, fixed) -> list[dict]:
+    """The rows of `joints`, for `appended`."""
+    labels = np.unique(edges.label)
     known = {label: np.unique(edges.of(label).gid) for label in labels}
     taken = np.unique(boundary.gid)
     chain = boundary.chain.max(initial=-1) + 1
@@ -270,7 +278,7 @@ def _along(side: Side) -> tuple[np.ndarray, np.ndarray]:
 
 
 def appended(boundary, parts: list[dict]):
-    """The ContactBoundary with the rows `parts` of `joint_rows` behind its own nodes."""
+    """The ContactBoundary with the rows `parts` of `_joint_rows` behind its own nodes."""
     start, placed = len(boundary.gid), []
     for part in parts:
         placed.append(part | {"term_node": part["term_node"] + start})

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..errors import InputError
-from .joints import CONGRUENT, Edges, boundary_edges, translation
+from .joints import CONGRUENT, Edges, translation
 from .nodes import TURN
 from .side import Side
 
@@ -36,16 +36,14 @@ class Periods:
     ways: np.ndarray
 
     @classmethod
-    def of(cls, joints: list, manifest, subdomains, comm) -> "Periods | None":
-        """Those of the periodic ones of `joints`, None without any; collective.
+    def of(cls, joints: list, edges: Edges, manifest) -> "Periods | None":
+        """Those of the periodic ones of `joints`, whose sides have the `edges`; None without any.
 
         Raises InputError for bodies with different periods in one direction.
         """
         joints = [joint for joint in joints if joint.periodic]
         if not joints:
             return None
-        labels = sorted({label for joint in joints for label in (joint.first, joint.second)})
-        edges = boundary_edges(subdomains, labels, 2 if manifest.element == "P1" else 3, comm)
         ways, same = np.zeros((0, 2)), []
         for joint in joints:
             one, two = edges.of(joint.first), edges.of(joint.second)
@@ -53,7 +51,9 @@ class Periods:
             same.append(_in_one_place(one, two, way))
             if manifest.contact_pairs and _is_new(way, ways):
                 ways = np.vstack([ways, way])
-        return cls(np.unique(edges.gid), np.concatenate(same), ways)
+        gids = np.unique(np.concatenate([edges.of(label).gid.ravel() for joint in joints
+                                         for label in (joint.first, joint.second)]))
+        return cls(gids, np.concatenate(same), ways)
 
     def same_of(self, gids: np.ndarray) -> np.ndarray:
         """(k, 2) which of the nodes `gids` (n,) are in one place."""

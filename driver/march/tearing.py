@@ -34,15 +34,19 @@ def build(manifest: Manifest, subdomains: list[Subdomain], first: int, comm,
         fixed, jumps = ends.fixed, ends.jumps
     sides = effects.paired_sides(subdomains, fixed, comm, moved)
     periods = None
-    if effects.joints:
-        from ..contact.periods import Periods  # here: few scenes need them
+    if joints := effects.joints:  # few scenes have some
+        from ..contact.joints import joined_edges, with_joints
+        from ..contact.periods import Periods
 
-        periods = Periods.of(effects.joints, manifest, subdomains, comm)
+        edges = joined_edges(joints, manifest, subdomains, comm)
+        periods = Periods.of(joints, edges, manifest)
     if sides is not None:
         sides.periods = periods
     with shared_labels.explained(manifest, subdomains, skeleton, comm):
         contact = contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm, sides,
                                    periods)
+        if joints:
+            contact = with_joints(contact, joints, edges, manifest, fixed)
     structure = number(manifest, subdomains, first, skeleton, fixed, contact, comm,
                        effects.frictional, effects.compliance(contact))
     structure.support_jumps = jumps
