@@ -52,6 +52,9 @@ QUASISTATIC = "quasistatic"  # what a scene declares by calling quasistatic(T)
 def without_names(without: tuple[str, ...]) -> set[str]:
     """What is left out, with all that needs it; numbered macros as load2.
 
+    What needs one of several rooms, of which some are left in, is not among them: whether the scene
+    declares one of these is known when FreeFEM reads it.
+
     Names are those of rooms (``friction``), of one of several loads (``load2``), ``quasistatic``
     (one static step at the end time) and ``amplitude2`` (the loads keep the factor of the end
     time). Raises InputError for any other.
@@ -68,7 +71,7 @@ def without_names(without: tuple[str, ...]) -> set[str]:
                              f"{near(name, known)}")
     absent = set(without)
     for room in rooms():  # in which what is needed comes first
-        if absent & {name for names in (*room.needs, room.brings) for name in names}:
+        if any(absent.issuperset(names) for names in room.needs) or absent & {*room.brings}:
             absent.add(room.name)
     return absent
 
@@ -196,7 +199,8 @@ def _include(room: Room, absent: set[str]) -> list[str]:
     """The room, where one of its macros, or of those of rooms that bring it, is defined.
 
     <room>Asked is defined where the scene asks for it, <room>Lacks where something is missing,
-    which is refused, and <room>Room where it is included.
+    which is refused or, if it may have been left out, leaves the room out too, and <room>Room where
+    it is included.
     """
     lines = []
     asked, lacks = f"{room.prefix}Asked", f"{room.prefix}Lacks"
@@ -207,19 +211,23 @@ def _include(room: Room, absent: set[str]) -> list[str]:
         given = f"{camel(room.given_on)}Given"
         body += _if(f"!{given}", f"macro {given}() 1 //",
                     f'include "given/{room.given_on}.idp"')
-    missing = [line for needed in room.needs for line in _lacks(room, needed, lacks)]
+    missing = [line for needed in room.needs for line in _lacks(room, needed, lacks, absent)]
     lines += _if(asked, *missing, *_if(f"!{lacks}", *body, f'include "effects/{room.name}.idp"'))
     for macro in room.macros:
         if macro.name not in room.declared_by and macro.arguments is not None:
-            lines += _if(macro.name, *_if(f"!{_room(room)}", _refusal(macro.name, room)))
+            lines += _if(macro.name, *_if(f"!{lacks}", *_if(f"!{_room(room)}",
+                                                            _refusal(macro.name, room))))
     return lines
 
 
-def _lacks(room: Room, needed: tuple[str, ...], lacks: str) -> list[str]:
-    """Refusal of a room, by the macro that declares it, where none of `needed` is included."""
+def _lacks(room: Room, needed: tuple[str, ...], lacks: str, absent: set[str]) -> list[str]:
+    """The macro `lacks` where none of `needed` is included.
+
+    If nothing of these is left out, the room is refused there, by the macro that declares it.
+    """
     others = [other for other in rooms() if other.name in needed]
     lines = _if(f"!{lacks}", f"macro {lacks}() 1 //")
-    for macro in _declaring(room):
+    for macro in _declaring(room) if absent.isdisjoint(needed) else ():
         lines += _if(macro, _refusal(macro, others[0]))
     return _unless_any([_room(other) for other in others], *lines)
 

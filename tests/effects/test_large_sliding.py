@@ -12,6 +12,7 @@ from driver.march.problem import assemble
 from driver.march.saving import restore, snapshot
 from driver.options import Settings
 from driver.scene.freefem import find_scene
+from driver.scene.manifest import read_manifest
 from driver.studies.study import make_study
 from drawn_block import DRAWN
 
@@ -361,6 +362,21 @@ def test_a_curve_of_segments_is_smooth_between_them():
     np.testing.assert_allclose(one, other, atol=1e-6)
 
 
+def test_a_curve_goes_over_ridges_that_end_between_lines_of_its_grid(exported, scene):
+    """A ridge of 0.2 by 1 on a grid of 0.14: all pieces are on it, with its tip and its feet.
+
+    A chord across its end is shorter than the ridge goes on, whose flanks are both near to it.
+    """
+    ridge = "macro obstacle(x, y) ((y) + 2. - max(0., 1. - 10.*abs((x) - 1.013))) //"
+    place = exported(scene(INCLINE, ("OBSTACLE", ridge)))
+    pieces = np.array(read_manifest(place).rooms["large_sliding"]["curve"])
+    ends = np.vstack([pieces[:, :2], pieces[:, 2:4]])
+    height = -2 + np.maximum(0, 1 - 10 * np.abs(ends[:, 0] - 1.013))
+    np.testing.assert_allclose(ends[:, 1], height, atol=1e-12)
+    for corner in ([1.013, -1.0], [0.913, -2.0], [1.113, -2.0]):
+        assert np.linalg.norm(ends - corner, axis=1).min() < 2e-4
+
+
 def test_places_on_a_curve_are_at_no_distance_from_it():
     """On its one segment the cubic with its slopes, beyond either end a parabola that goes on with
     slope and mean curvature; normals are across the curve.
@@ -396,7 +412,9 @@ def test_places_on_a_curve_are_at_no_distance_from_it():
     pytest.param([("OBSTACLE", "macro obstacle(x, y) ((y) - 0.2*(x) + 1e-3*label) //")],
                  "depends on more than x and y", marks=pytest.mark.slow),
     pytest.param([("OBSTACLE", "macro obstacle(x, y) ((y) + 100.) //")],
-                 "nowhere zero within the reach", marks=pytest.mark.slow)])
+                 "nowhere zero within the reach", marks=pytest.mark.slow),
+    pytest.param([("OBSTACLE", "macro obstacle(x, y) (((y) - 0.2*(x) + 3.)*((x) + 5.)) //")],
+                 "cross, touch one another or have a cusp there", marks=pytest.mark.slow)])
 def test_misuse_gets_one_line(solved, scene, changes, said):
     whole = [*changes, *([] if changes[0][0] == "OBSTACLE" else [("OBSTACLE", "")])]
     run = solved(scene(INCLINE, *whole), steps=2)

@@ -99,6 +99,31 @@ def test_what_is_left_out_is_as_if_undeclared(tmp_path, variant, without, change
     assert content(tmp_path / "left") == content(tmp_path / "bare")
 
 
+BOTH = (("macro friction() F //", "macro friction() (x < 5. ? F : 0.) //\n"
+         "macro tresca() (x < 5. ? 0. : 3e7) //\nmacro wear() 1e-15 //\n"
+         "macro cycles() 3 //\nmacro cycleStart() 0.5 //"),
+        ('"monotone" ? t', '"monotone" ? sin(2*pi*t)'))
+
+
+@pytest.mark.parametrize("without, lost", [
+    (("tresca",), ["tresca"]),
+    (("friction",), ["friction"]),
+    (("friction", "tresca"), ["friction", "tresca", "wear", "cycles"])])
+def test_what_needs_one_of_two_effects_stays_with_the_other_one(tmp_path, variant, without, lost):
+    """Wear and cycles need friction or tresca, of which the scene has both."""
+    freefem.export(variant("both", *BOTH), tmp_path, {"cells": "2"}, without=without)
+    declared = {"contact", "friction", "tresca", "wear", "cycles", "traction", "quasistatic"}
+    assert set(read_manifest(tmp_path).rooms) == declared - {*lost}
+
+
+def test_what_needs_the_left_out_one_of_two_effects_goes_with_it(tmp_path, variant):
+    """Of two effects that wear and cycles may need the scene has the one that is left out."""
+    more = "macro friction() F //\nmacro wear() 1e-15 //\nmacro cycles() 3 //\n"
+    scene = variant("one", (BOTH[0][0], more + "macro cycleStart() 0.5 //"), BOTH[1])
+    freefem.export(scene, tmp_path, {"cells": "2"}, without=("friction",))
+    assert set(read_manifest(tmp_path).rooms) == {"contact", "traction", "quasistatic"}
+
+
 @pytest.mark.parametrize("scene, without, said", [
     ("model", ("gap",), "gap is to be left out, but the scene does not declare it"),
     ("model", ("load2",), "load2 is to be left out, but"),
