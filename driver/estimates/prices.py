@@ -15,7 +15,8 @@ unknowns  a polynomial of 1/size through those of the run and its companions: a 
           sizes of elements along a line or in a part of the body alone
 seconds   a + b N^q by stage through what was measured at N unknowns, q below; the estimates' by
           what their companions would take
-memory    grows with N above what an idle process has
+memory    of a run with its estimates, whose companions stay in memory: grows with N above what an
+          idle process has
 
 Predicted errors are claims like others: larger than the true ones. What they take for granted is
 that the settings which were run are near the limit enough for their orders to go on.
@@ -41,7 +42,9 @@ GROWTH = 4.0  # triangles of a cycle over those of the last one
 POWERS = {"export": 1.0, "setup": 1.2, "solve": 1.2, "output": 1.0}
 EVERY_STEP = ("solve", "output")
 MOSTLY = 0.9
-HEAVIEST = 0.004  # MiB an unknown takes at most: what a small run takes beyond is more packages
+# MiB that an unknown takes at most, estimates included (2.5 to 4 kB without them, 6 to 9 kB with
+# them on meshes of 2e4 to 9e4 unknowns): what a small run takes beyond is more packages
+HEAVIEST = 0.008
 SHORTEST = 1e-4  # seconds that clocks tell from nothing
 # that an unknown takes in any stage on the machine that was measured (85,000 of linear elements:
 # 2.5 s in all stages, 338,000 of quadratic ones 7.9 s), doubled; more where FreeFEM starts slowly
@@ -304,7 +307,7 @@ class Whole:
     run: Measured
     estimates: float  # seconds of its error budget and of this list
     costs: Costs  # of its kind of mesh
-    memory: float  # MiB
+    memory: float  # MiB, with the estimates
     idle: float  # of it before anything was read
 
     def memory_of(self, unknowns: float) -> float:

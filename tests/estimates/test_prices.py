@@ -213,9 +213,11 @@ def test_every_digit_costs_more_and_names_the_fastest():
 
 
 def test_memory_of_packages_does_not_grow():
-    """A run with 100 unknowns has 60 MiB that are not theirs; one with a million has a thousand."""
+    """A run with 100 unknowns has 60 MiB that are not theirs; one with a million has a thousand.
+    With its estimates an unknown takes up to 8 kB.
+    """
     small = Whole(measured(100.0), 1.0, COSTS, 150.0, 90.0)
-    assert small.memory_of(100.0) == pytest.approx(150.0) and small.memory_of(1e4) < 200
+    assert small.memory_of(100.0) == pytest.approx(150.0) and 200 < small.memory_of(1e4) < 240
     large = Whole(measured(1e6), 1.0, COSTS, 1090.0, 90.0)
     assert large.memory_of(2e6) == pytest.approx(2090.0)
 
