@@ -124,7 +124,7 @@ class Alternatives:
             errors.append(errors[-1] + abs(a - b))
         return Uniform(element, self.knob, sizes, errors,
                        [self._unknowns(**{self.knob: size}, **changes) for size in sizes],
-                       RATE, words={"ELEMENT": element})
+                       RATE, words={"ELEMENT": element}, like=own)
 
     def _within(self, value: float, error: float | None, own: Uniform) -> float:
         """An error of a companion's `value`: at least its distance from the run, and at most that

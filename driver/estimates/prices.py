@@ -12,11 +12,11 @@ error     that of the run times (size over its size)^p, p the order that its bud
           (degree p: their p-th power) wherever the solution is singular
 time      likewise: every second and fourth time by their companions, more by its order
 unknowns  a polynomial of 1/size through those of the run and its companions: a scene may set the
-          sizes of elements along a line or in a part of the body alone
+          sizes of elements along a line or in a part of the body alone; of other elements, whose
+          companions are too coarse to tell, they grow like those of the run
 seconds   a + b N^q by stage through what was measured at N unknowns, q below; the estimates' by
           what their companions would take
-memory    of a run with its estimates, whose companions stay in memory: grows with N above what an
-          idle process has
+memory    with estimates, whose companions stay there: grows with N above an idle process
 
 Predicted errors are claims like others: larger than the true ones. What they take for granted is
 that the settings which were run are near the limit enough for their orders to go on.
@@ -34,16 +34,15 @@ from .jumps import Jumps
 
 ASKED = (0.1, 0.03, 0.01, 0.003, 0.001)
 STEPS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128)  # times the run's
-MOST = 600_000  # unknowns, beyond which nothing is promised
-FARTHEST = 1e6  # times as fine as the run
+MOST, FARTHEST = 600_000, 1e6  # unknowns and times as fine, beyond which nothing is promised
 CYCLES = 8  # of adaptive refinement at most
 GROWTH = 4.0  # triangles of a cycle over those of the last one
 # powers of the unknowns by which seconds of the stages grow, above a constant
 POWERS = {"export": 1.0, "setup": 1.2, "solve": 1.2, "output": 1.0}
 EVERY_STEP = ("solve", "output")
 MOSTLY = 0.9
-# MiB that an unknown takes at most, estimates included (2.5 to 4 kB without them, 6 to 9 kB with
-# them on meshes of 2e4 to 9e4 unknowns): what a small run takes beyond is more packages
+# MiB an unknown takes at most (measured: 6 to 9 kB, 2 to 4 kB of them without estimates): what a
+# small run takes beyond is more packages
 HEAVIEST = 0.008
 SHORTEST = 1e-4  # seconds that clocks tell from nothing
 # that an unknown takes in any stage on the machine that was measured (85,000 of linear elements:
@@ -210,13 +209,15 @@ class Uniform:
     rate: float
     costs: Costs | None = None
     words: dict = field(default_factory=dict)  # further settings
+    like: "Uniform | None" = None  # other elements, whose finer meshes were run
 
     def count(self, size: float) -> float:
         """Unknowns at a size: those of the meshes that were run, else what they grow like."""
         if size in self.sizes:
             return self.unknowns[self.sizes.index(size)]
-        powers = growth([ratio(self.knob, self.sizes[0], each) for each in self.sizes],
-                        self.unknowns)
+        if self.like:
+            return self.unknowns[0] * self.like.count(size) / self.like.count(self.sizes[0])
+        powers = growth([ratio(self.knob, self.sizes[0], s) for s in self.sizes], self.unknowns)
         return float(np.polyval(powers, ratio(self.knob, self.sizes[0], size)))
 
     def meets(self, room: float) -> Choice | None:
