@@ -14,7 +14,7 @@ from driver.arguments import SHARE
 from driver.contact import equilibrium
 from driver.errors import InputError, NoSolution, NotConverged
 from driver.estimates import successive
-from driver.estimates.budget import Part, extrapolate, formal_order
+from driver.estimates.budget import SINGULAR, Part, extrapolate, formal_order
 from driver.estimates.levels import Levels
 from driver.options import Settings
 from driver.runs import goal, search, trials
@@ -408,6 +408,23 @@ def test_history_that_does_not_matter_takes_one_step(solved):
     assert solved("thermal", accuracy="3%,normal_resultant").summary["steps"] == 1
     # the largest pressure is on the way
     assert solved("bar", accuracy="3%,peak_pressure").summary["steps"] > 1
+
+
+@pytest.mark.parametrize("values, note, grows", [
+    ((100.0, 130.0, 169.0), SINGULAR, True), ((100.0, 110.0, 120.0), SINGULAR, True),
+    ((100.0, 130.0), SINGULAR, True), ((130.0, 100.0), SINGULAR, False),
+    ((134.0, 157.0, 121.0), SINGULAR, False), ((157.0, 121.0, 127.0), SINGULAR, False),
+    ((121.0, 127.2, 128.1), SINGULAR, False), ((100.0, 130.0, 169.0), "", False)])
+def test_what_turns_back_or_settles_does_not_grow_from_mesh_to_mesh(values, note, grows):
+    """The pressure beside the rounding of a foot, 134, 157, 121, 127.2 and 128.1 MPa, was refused
+    at 121, as if it grew.
+    """
+    of = goal.Search.__new__(goal.Search)
+    of.name, of.knob, of.parts = "peak_pressure", "h", {"mesh": {"peak_pressure": Part(None,
+                                                                                       note=note)}}
+    of.sizes = [0.5**k for k in range(len(values))]
+    of.values = lambda size: {"peak_pressure": values[of.sizes.index(size)]}
+    assert of._grows() == grows
 
 
 @pytest.mark.slow  # a search to its finest mesh
