@@ -48,6 +48,7 @@ SHORTEST = 1e-4  # seconds that clocks tell from nothing
 # that an unknown takes in any stage on the machine that was measured (85,000 of linear elements:
 # 2.5 s in all stages, 338,000 of quadratic ones 7.9 s), doubled; more where FreeFEM starts slowly
 UNKNOWN = 2e-5
+LARGE = 2e4  # unknowns from which a run's seconds are its own, and not those of starts and chance
 LEVELS = (0.5, 4.0)  # factors that one kind of mesh may have on the seconds of another
 # that an unknown takes in a step of the solution: in every step, and in the first one
 SOLVED = 1e-5, 2e-5
@@ -140,20 +141,19 @@ def curve(points: list[tuple[float, float]], power: float, least: float = 0.0,
 
     A single point leaves the constant open: it is `least`. It is MOSTLY of the largest point at
     most: where there is no growth yet, there will be. No unknown of the largest point takes more
-    than `most`: what small runs seem to take beyond is chance and goes to the constant.
+    than `most` where it is not LARGE: what small runs take beyond is chance, and constant.
     """
     from scipy.optimize import nnls  # the front imports this module
 
     size = max(n for n, _ in points)
     n, t = np.array([(n / size, t) for n, t in points]).T
+    constant = min(least, MOSTLY * t[0])
+    slope = t[0] - constant
     if len(points) > 1:
         constant, slope = nnls(np.column_stack([1 / t, n**power / t]), np.ones(len(t)))[0]
-    else:
-        constant = min(least, MOSTLY * t[0])
-        slope = t[0] - constant
     if slope < (1 - MOSTLY) * t[n.argmax()]:
         constant, slope = MOSTLY * t[n.argmax()], (1 - MOSTLY) * t[n.argmax()]
-    if slope > most * size:
+    if size < LARGE and slope > most * size:
         constant, slope = max(constant, t[n.argmax()] - most * size), most * size
     return lambda unknowns: constant + slope * (unknowns / size) ** power
 

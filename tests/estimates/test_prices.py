@@ -62,6 +62,16 @@ def test_chance_of_small_runs_is_not_extrapolated():
     assert 2 * 2e-5 * 1e5 < slow.stage("export", 1e5) < 1e-4 * 1e5 + 0.5
 
 
+def test_what_large_runs_take_is_none_of_small_ones():
+    """Two bodies by ACCURACY: FreeFEM took 50 s for 212,000 unknowns, and 53 s were predicted for
+    2,000, as no more than a part was believed to be for unknowns.
+    """
+    busy = [Measured(n, 10, {"export": 0.1 + 2.4e-4 * n, "setup": 1e-5 * n, "solve": 0.1})
+            for n in (400, 7e4)]
+    run = Measured(2.1e5, 10, {"export": 51.0, "setup": 2.1, "solve": 1.0, "output": 1.0})
+    assert Costs(run, busy, busy, busy).run(2e3, 10) < 5
+
+
 UNIFORM = Uniform("P1", "h", [0.1, 0.2, 0.4], [0.01, 0.03, 0.05], [1.6e4, 4e3, 1e3], 1.0,
                   COSTS)
 
