@@ -11,6 +11,7 @@ from ..estimates.budget import share
 from ..results.summary import largest_memory
 from . import goal, trials
 from .request import Request
+from .watch import Watch
 
 
 def run(directory: Path, request: Request, comm) -> tuple[int, str]:
@@ -23,6 +24,7 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
     settings = Settings(**{"uniqueness": "no", **request.settings})
     levels = Levels(Path(request.script), {**request.parameters, "sampling": str(trials.SAMPLING)},
                     directory / "levels", comm, settings, without=request.without)
+    levels.watch = Watch(request.scene, request.quiet or not root, search=True)
 
     def say(line: str) -> None:
         if root and not request.quiet:

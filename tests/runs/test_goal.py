@@ -17,7 +17,7 @@ from driver.estimates import successive
 from driver.estimates.budget import SINGULAR, Part, extrapolate, formal_order
 from driver.estimates.levels import Levels
 from driver.options import Settings
-from driver.runs import goal, search, trials
+from driver.runs import goal, search, trials, watch
 from driver.runs.run import Run, execute
 from driver.runs.tolerances import tightened
 
@@ -408,6 +408,16 @@ def test_history_that_does_not_matter_takes_one_step(solved):
     assert solved("thermal", accuracy="3%,normal_resultant").summary["steps"] == 1
     # the largest pressure is on the way
     assert solved("bar", accuracy="3%,peak_pressure").summary["steps"] > 1
+
+
+def test_runs_of_a_search_that_take_long_are_told_in_lines(tmp_path, monkeypatch, capfd):
+    """Minutes had passed without a line where steps were looked for."""
+    monkeypatch.setattr(watch, "SELDOM", 0.0)
+    execute(Run.from_pairs({"scene": "cantilever", "accuracy": "10%", "figures": "no",
+                            "out": str(tmp_path / "out")}))
+    said = capfd.readouterr().out
+    assert "cantilever: ACCURACY, run 1, step 1/1, 0 s left of it" in said
+    assert "ACCURACY, run 2, step" in said and "error estimates" not in said
 
 
 @pytest.mark.parametrize("values, note, grows", [
