@@ -14,6 +14,7 @@ import numpy as np
 from ..errors import DriverError, agreed_writes
 from ..results.contact_state import ContactState
 from ..scene import element_kinds
+from ..timing import memory_used
 from . import adaptivity, prices, refinement
 from .budget import Part, coarser, extrapolate, formal_order, ratio, vanishing
 from .caution import by_balance
@@ -123,7 +124,7 @@ class Alternatives:
             errors.append(errors[-1] + abs(a - b))
         return Uniform(element, self.knob, sizes, errors,
                        [self._unknowns(**{self.knob: size}, **changes) for size in sizes],
-                       RATE, words={"ELEMENT": element})
+                       RATE, words={"ELEMENT": element}, like=own)
 
     def _within(self, value: float, error: float | None, own: Uniform) -> float:
         """An error of a companion's `value`: at least its distance from the run, and at most that
@@ -219,14 +220,14 @@ class Alternatives:
                         jumps)
 
 
-def price_list(companions, parts: dict, budget: dict, name: str, run: Measured, memory: float,
-               idle: float, spent=None) -> dict:
+def price_list(companions, parts: dict, budget: dict, name: str, run: Measured, idle: float,
+               spent=None) -> dict:
     """Entry `prices` for the quantity `name`, by default the first with a known error, if
     there is one that is not zero, of resultants that the loads give only where there is no other;
     collective.
 
-    `parts` and `budget` by quantity; `run`: what the run took; `memory`, `idle`: MiB of it, and
-    before it; `spent()`: seconds of the estimates so far, by default predicted like all others.
+    `parts` and `budget` by quantity; `run`: what the run took; `idle`: MiB before it; `spent()`:
+    seconds of the estimates so far, by default predicted like all others.
     """
     values, errors = ({q: entry[key] for q, entry in budget.items()} for key in ("value", "total"))
     zero = vanishing(values, errors)
@@ -243,18 +244,19 @@ def price_list(companions, parts: dict, budget: dict, name: str, run: Measured, 
     if name in zero or not values[name]:
         return head | {"reason": f"the {words} is zero but for its error"}
     try:
-        found = _predicted(companions, parts, name, values[name], run, memory, idle, spent)
+        found = _predicted(companions, parts, name, values[name], run, idle, spent)
     except DriverError as problem:  # of a companion; other errors are ours
         return head | {"reason": f"they could not be predicted: {problem}"}
     return head | {"lines": found}
 
 
-def _predicted(companions, parts: dict, name: str, value: float, run: Measured, memory: float,
-               idle: float, spent) -> list[dict]:
+def _predicted(companions, parts: dict, name: str, value: float, run: Measured, idle: float,
+               spent) -> list[dict]:
     """The lines of `price_list`."""
     alternatives = Alternatives(companions, parts, name, run)
     kinds, quantity = alternatives.kinds(), alternatives.quantity(value)
     costs = kinds[0].costs
     estimates = spent() if spent else costs.companions(run.unknowns, run.steps)
-    whole = Whole(run, estimates, costs, memory, idle)
-    return companions.levels.comm.bcast(prices.lines(kinds, quantity, whole))
+    comm = companions.levels.comm
+    whole = Whole(run, estimates, costs, comm.allreduce(memory_used()), idle)
+    return comm.bcast(prices.lines(kinds, quantity, whole))

@@ -12,7 +12,8 @@ their differences have chance in them, as the edge of contact falls between node
 p in [1, formal]  error = S max(rest, FLOOR first), first = |q0 - q1| / (r - 1)
 p above           trusted as little as below, down to the first order, or the formal one where that
                   is less (sharp_ends.py); rest follows from q1 - q2
-p below 1         error = S SLOW rest, at the observed order, however slow
+p below 1         error = S SLOW rest, at the observed order, however slow; of integrals at the
+                  order UNSETTLED or more: the strongest stresses leave that, slower is chance
 turning back      error = S times the larger of first and |q1 - q2| / (s - 1), both at the formal
                   order where that is below 1
 no decrease       error = S |q0 - q1| / (r^p - 1), p = UNSETTLED; a pressure, the only quantity that
@@ -136,12 +137,13 @@ def observed_order(d1: float, d2: float, r: float, s: float) -> float:
 
 def extrapolate(changes: list[float], ratios: list[float], formal: float, value: float,
                 limit: bool = False, singular: bool = False, safety: float = SAFETY,
-                pair: float = 1.0) -> Part:
+                pair: float = 1.0, least: float = 0.0) -> Part:
     """Error of a `value` from its changes q0 - q1, q1 - q2 (up to two) between sizes in `ratios`.
 
     `limit`: there is a limit in any case, so that changes that grow only tell that it is not near.
     `singular`: the value belongs to a place where it may be infinite, and has an error only where
-    it hardly changes. `pair`: the order that two sizes alone are taken for.
+    it hardly changes. `pair`: the order that two sizes alone are taken for; `least`: what there is
+    at least, so that slower changes are chance.
     """
     if not changes:
         return Part(None, note=ALONE)
@@ -167,6 +169,9 @@ def extrapolate(changes: list[float], ratios: list[float], formal: float, value:
         return Part(safety * d1 / (r**UNSETTLED - 1), rate=UNSETTLED)
     p = order if order <= formal else max(min(1.0, formal), 2 * formal - order)
     rest = d2 / ((s**p - 1) * r**p)  # = d1/(r^p - 1), but where p was changed
+    if order < min(least, formal):
+        p = min(least, formal)
+        return Part(safety * SLOW * d1 / (r**p - 1), order, rate=p)
     if order < FIRST:
         return Part(safety * SLOW * rest, order, rate=p)
     return Part(safety * max(rest, FLOOR * first[0]), order, rate=p)

@@ -4,7 +4,8 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
 
 - where linear elements are stiffer than the material and meshes tell no order: where it hardly
   changes its volume the loss grows like the root of lambda / mu (soundness.py), and coarse meshes
-  approach something else; an order that is observed, however slow, has the loss in it;
+  approach something else; an order that is observed has the loss in it, however slow, but for
+  integrals one that is too slow to be theirs;
 - where the error in the energy norm is large: so many of the coarser meshes are far from the limit,
   and the largest displacement may err by its square;
 - where no adjoint problem holds resultants and displacements: the second order of two meshes of
@@ -62,6 +63,9 @@ LENGTH, PEAK = "contact_length", "peak_pressure"
 SHEAR_FORCE, WORK, WAY = "tangential_resultant", "dissipated_energy", "displacement"
 # integrals, which adjoint problems hold where there are any; others hang on places between nodes
 HELD = ("normal_resultant", SHEAR_FORCE, WAY)
+# of which an order below UNSETTLED is chance: errors of integrals fall by twice the order that
+# those of stresses do, which the strongest of one material, r^-3/4, leave at 1/4
+INTEGRALS = (*HELD, WORK, "worn_volume")
 SLIP = "slip"
 LEFT = (SHEAR_FORCE, WAY, SLIP)  # what earlier slip stays in; pressures hardly depend on it
 # of the geometric mean of two estimates, each off by a factor; what meshes and nodes say of the
@@ -246,9 +250,10 @@ class Caution:
             caution = SAFETY  # nodes beside a sharp end differ by far less than it errs
         fast = (self.element != "P1" or self.adapted) and name in HELD and self.sizes
         formal = formal_order("mesh", self.element, name, self.chords, most)
+        least = UNSETTLED if name in INTEGRALS else 0.0
         part = extrapolate(changes, ratios, formal, value, name not in UNBOUNDED, singular,
-                           caution, FAST if fast else 1.0)
-        slowest = NO_ORDER if self.sizes and name in HELD else 0.0
+                           caution, FAST if fast else 1.0, least)
+        slowest = NO_ORDER if self.sizes and name in HELD else min(least, formal)
         told = {self._told(part, changes, formal + above, slowest)
                 for above in (0.0, ABOUT * estimated)}
         found = [self._held(name, part, changes, ratios, each) for each in told]

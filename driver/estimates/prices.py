@@ -12,10 +12,11 @@ error     that of the run times (size over its size)^p, p the order that its bud
           (degree p: their p-th power) wherever the solution is singular
 time      likewise: every second and fourth time by their companions, more by its order
 unknowns  a polynomial of 1/size through those of the run and its companions: a scene may set the
-          sizes of elements along a line or in a part of the body alone
+          sizes of elements along a line or in a part of the body alone; of other elements, whose
+          companions are too coarse to tell, they grow like those of the run
 seconds   a + b N^q by stage through what was measured at N unknowns, q below; the estimates' by
           what their companions would take
-memory    grows with N above what an idle process has
+memory    with estimates, whose companions stay there: grows with N above an idle process
 
 Predicted errors are claims like others: larger than the true ones. What they take for granted is
 that the settings which were run are near the limit enough for their orders to go on.
@@ -33,19 +34,21 @@ from .jumps import Jumps
 
 ASKED = (0.1, 0.03, 0.01, 0.003, 0.001)
 STEPS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128)  # times the run's
-MOST = 600_000  # unknowns, beyond which nothing is promised
-FARTHEST = 1e6  # times as fine as the run
+MOST, FARTHEST = 600_000, 1e6  # unknowns and times as fine, beyond which nothing is promised
 CYCLES = 8  # of adaptive refinement at most
 GROWTH = 4.0  # triangles of a cycle over those of the last one
 # powers of the unknowns by which seconds of the stages grow, above a constant
 POWERS = {"export": 1.0, "setup": 1.2, "solve": 1.2, "output": 1.0}
 EVERY_STEP = ("solve", "output")
 MOSTLY = 0.9
-HEAVIEST = 0.004  # MiB an unknown takes at most: what a small run takes beyond is more packages
+# MiB an unknown takes at most (measured: 6 to 9 kB, 2 to 4 kB of them without estimates): what a
+# small run takes beyond is more packages
+HEAVIEST = 0.008
 SHORTEST = 1e-4  # seconds that clocks tell from nothing
 # that an unknown takes in any stage on the machine that was measured (85,000 of linear elements:
 # 2.5 s in all stages, 338,000 of quadratic ones 7.9 s), doubled; more where FreeFEM starts slowly
 UNKNOWN = 2e-5
+LARGE = 2e4  # unknowns from which a run's seconds are its own, and not those of starts and chance
 LEVELS = (0.5, 4.0)  # factors that one kind of mesh may have on the seconds of another
 # that an unknown takes in a step of the solution: in every step, and in the first one
 SOLVED = 1e-5, 2e-5
@@ -138,20 +141,19 @@ def curve(points: list[tuple[float, float]], power: float, least: float = 0.0,
 
     A single point leaves the constant open: it is `least`. It is MOSTLY of the largest point at
     most: where there is no growth yet, there will be. No unknown of the largest point takes more
-    than `most`: what small runs seem to take beyond is chance and goes to the constant.
+    than `most` where it is not LARGE: what small runs take beyond is chance, and constant.
     """
     from scipy.optimize import nnls  # the front imports this module
 
     size = max(n for n, _ in points)
     n, t = np.array([(n / size, t) for n, t in points]).T
+    constant = min(least, MOSTLY * t[0])
+    slope = t[0] - constant
     if len(points) > 1:
         constant, slope = nnls(np.column_stack([1 / t, n**power / t]), np.ones(len(t)))[0]
-    else:
-        constant = min(least, MOSTLY * t[0])
-        slope = t[0] - constant
     if slope < (1 - MOSTLY) * t[n.argmax()]:
         constant, slope = MOSTLY * t[n.argmax()], (1 - MOSTLY) * t[n.argmax()]
-    if slope > most * size:
+    if size < LARGE and slope > most * size:
         constant, slope = max(constant, t[n.argmax()] - most * size), most * size
     return lambda unknowns: constant + slope * (unknowns / size) ** power
 
@@ -207,13 +209,15 @@ class Uniform:
     rate: float
     costs: Costs | None = None
     words: dict = field(default_factory=dict)  # further settings
+    like: "Uniform | None" = None  # other elements, whose finer meshes were run
 
     def count(self, size: float) -> float:
         """Unknowns at a size: those of the meshes that were run, else what they grow like."""
         if size in self.sizes:
             return self.unknowns[self.sizes.index(size)]
-        powers = growth([ratio(self.knob, self.sizes[0], each) for each in self.sizes],
-                        self.unknowns)
+        if self.like:
+            return self.unknowns[0] * self.like.count(size) / self.like.count(self.sizes[0])
+        powers = growth([ratio(self.knob, self.sizes[0], s) for s in self.sizes], self.unknowns)
         return float(np.polyval(powers, ratio(self.knob, self.sizes[0], size)))
 
     def meets(self, room: float) -> Choice | None:
@@ -304,7 +308,7 @@ class Whole:
     run: Measured
     estimates: float  # seconds of its error budget and of this list
     costs: Costs  # of its kind of mesh
-    memory: float  # MiB
+    memory: float  # MiB, with the estimates
     idle: float  # of it before anything was read
 
     def memory_of(self, unknowns: float) -> float:

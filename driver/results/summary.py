@@ -110,7 +110,8 @@ class Summary:
         "steps_examined": "number of steps that were examined",
         "steps_not_unique": "numbers of the steps",
         "solutions": "those of the first such step, the one that is followed first"})
-    memory_mib: float = entry("largest memory of all ranks together", "MiB")
+    memory_mib: float = entry("largest memory of all ranks together, error estimates "
+                              "included", "MiB")
     ranks: int = entry("MPI ranks")
     units: dict = entry("names of the scene's units",
                         parts={"length": "m, mm, ...", "stress": "Pa, MPa, ..."})

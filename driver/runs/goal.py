@@ -19,8 +19,9 @@ from itertools import product
 
 from ..errors import DriverError, InputError, NoSolution, NotConverged
 from ..estimates.adjoint import unsuited
-from ..estimates.budget import (FORMAL, SINGULAR, Part, extrapolate, finer, main_quantity,
-                                mesh_knob, name_of, of_one_step, ratio, share, vanishing)
+from ..estimates.budget import (DOUBTFUL, FORMAL, SINGULAR, Part, extrapolate, finer,
+                                main_quantity, mesh_knob, name_of, observed_order, of_one_step,
+                                ratio, share, vanishing)
 from ..estimates.caution import FAST, HELD
 from ..estimates.successive import mesh_parts
 from ..estimates.unresolved import at_corners
@@ -190,8 +191,7 @@ class Search(Trials):
                 continue
             if met:  # tolerances were tightened
                 continue
-            grows = self.parts["mesh"][self.name].note == SINGULAR
-            unsettled = unsettled + 1 if grows else 0
+            unsettled = unsettled + 1 if self._grows() else 0
             if unsettled > 1:
                 raise NoSolution(f"the {self.words} cannot be had to {100 * self.asked:g} %: "
                                  "it grows from mesh to mesh, as at a singular point; "
@@ -199,6 +199,19 @@ class Search(Trials):
             self._refuse_corners(entry)
             size = self._next(entry)
             self.sizes.append(self._made(size, share(entry["total"], entry["value"])))
+
+    def _grows(self) -> bool:
+        """Whether the quantity grew from mesh to mesh, and not by less and less, as at a singular
+        point. One that turns back, or settles where it might be singular, takes finer meshes.
+        """
+        if self.parts["mesh"][self.name].note != SINGULAR:
+            return False
+        sizes = self.sizes[:-4:-1]
+        values = [abs(self.values(size)[self.name]) for size in sizes]
+        changes = [fine - coarse for fine, coarse in zip(values, values[1:])]
+        ratios = [ratio(self.knob, b, a) for a, b in zip(sizes, sizes[1:])]
+        return min(changes) > 0 and (
+            len(changes) == 1 or observed_order(*changes, *ratios) < DOUBTFUL)
 
     def _prepare(self) -> None:
         """Run two meshes, choose steps and tolerances on the second one; a third if it is needed.

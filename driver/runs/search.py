@@ -11,6 +11,7 @@ from ..estimates.budget import share
 from ..results.summary import largest_memory
 from . import goal, trials
 from .request import Request
+from .watch import Watch
 
 
 def run(directory: Path, request: Request, comm) -> tuple[int, str]:
@@ -23,6 +24,7 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
     settings = Settings(**{"uniqueness": "no", **request.settings})
     levels = Levels(Path(request.script), {**request.parameters, "sampling": str(trials.SAMPLING)},
                     directory / "levels", comm, settings, without=request.without)
+    levels.watch = Watch(request.scene, request.quiet or not root, search=True)
 
     def say(line: str) -> None:
         if root and not request.quiet:
@@ -74,7 +76,7 @@ class Tried:
             return None
 
 
-def _prices(search: goal.Search, problem, output: float, memory: float, idle: float) -> dict:
+def _prices(search: goal.Search, problem, output: float, idle: float) -> dict:
     """Entry `prices` of the errors; `output`: seconds that the results took; collective."""
     from ..estimates.alternatives import price_list
     from ..estimates.prices import Measured
@@ -83,7 +85,7 @@ def _prices(search: goal.Search, problem, output: float, memory: float, idle: fl
     seconds = {"export": 0.0, "setup": 0.0, **search.levels.spent.get(key, {}), "output": output,
                "solve": search.level(search.sizes[-1]).seconds}
     return price_list(Tried(search, problem), search.parts, search.budget(), search.name,
-                      Measured.of(seconds, problem.manifest), memory, idle)
+                      Measured.of(seconds, problem.manifest), idle)
 
 
 def _write(directory: Path, request: Request, search: goal.Search, status: int, reason: str,
@@ -119,14 +121,14 @@ def _write(directory: Path, request: Request, search: goal.Search, status: int, 
     accuracy = {"quantity": search.name, "asked": search.asked, "reached": reached,
                 "settings": chosen, "levels": len(search.sizes), "products": levels.products}
     failure = error_of(status, reason) if status else None
-    output, memory = time.perf_counter() - begun, largest_memory(comm)
+    output = time.perf_counter() - begun
     if request.errors == "yes" and not status:
-        errors["prices"] = _prices(search, problem, output, memory, idle)
+        errors["prices"] = _prices(search, problem, output, idle)
     now = time.perf_counter()
     seconds = {"read": 0.0, **levels.seconds, "output": output, "total": now - clock}
     summary.write(directory, summary.summarize(
         request, problem, level.solver, failure, search.scaled(search.settings, search.stride),
-        writer, memory, seconds, errors=errors, validity=valid,
+        writer, largest_memory(comm), seconds, errors=errors, validity=valid,
         accuracy=accuracy), comm)
     if comm.rank == 0:
         (directory / "run.log").write_text(json.dumps(accuracy) + "\n")

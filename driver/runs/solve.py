@@ -71,7 +71,6 @@ def run(directory: Path, request: Request, comm,
     estimator = EnergyEstimator(problem.operator, problem.manifest, writer.contact,
                                 settings.estimator)
     resumed, before, failure = _march(directory, request, problem, solver, writer, estimator)
-    memory = summary.largest_memory(comm)
     lap("output")
     history = solver.history
     seconds["output"] -= history.seconds + history.examining - before  # of this process
@@ -88,9 +87,9 @@ def run(directory: Path, request: Request, comm,
 
     def leave(errors: dict | None, warning: str) -> None:
         spent = {**seconds, "total": sum(seconds.values())}
-        content = summary.summarize(request, problem, solver, failure, settings, writer, memory,
-                                    spent, resumed_after_step=resumed, errors=errors,
-                                    validity=valid)
+        content = summary.summarize(request, problem, solver, failure, settings, writer,
+                                    summary.largest_memory(comm), spent,
+                                    resumed_after_step=resumed, errors=errors, validity=valid)
         content.warnings += filter(None, [doubt, warning])
         summary.write(directory, content, comm)
 
@@ -98,8 +97,7 @@ def run(directory: Path, request: Request, comm,
         leave(None, f"{NO_ESTIMATES}: a rank of the solver failed")
         if comm.rank == 0:
             launch.write_answer(directory, status, reason)
-    leave(*_estimated(directory, request, problem, failure, writer, estimator, lap,
-                      (memory, idle)))
+    leave(*_estimated(directory, request, problem, failure, writer, estimator, lap, idle))
     return status, reason
 
 
@@ -237,7 +235,7 @@ def _estimated(directory: Path, request: Request, *parts) -> tuple[dict | None, 
 
 def _estimate(errors: dict, directory: Path, request: Request, problem: Problem,
               failure: DriverError | None, writer: Writer, estimator: EnergyEstimator,
-              lap: Laps, memory: tuple[float, float]) -> None:
+              lap: Laps, idle: float) -> None:
     """Fill the entry `errors` of the summary as far as `request` asks for it; collective."""
     if request.errors == "no" or failure and failure.exit_status in (1, 3):
         return
@@ -250,7 +248,7 @@ def _estimate(errors: dict, directory: Path, request: Request, problem: Problem,
         _next_mesh(directory, estimator, estimates)
     lap("energy_error")
     if request.errors == "yes" and not failure:
-        _budget(errors, directory, request, problem, writer, estimator, lap, memory)
+        _budget(errors, directory, request, problem, writer, estimator, lap, idle)
         lap("estimates")
 
 
@@ -263,11 +261,11 @@ def _next_mesh(directory: Path, estimator: EnergyEstimator, estimates: list) -> 
 
 
 def _budget(errors: dict, directory: Path, request: Request, problem: Problem, writer: Writer,
-            estimator: EnergyEstimator, lap: Laps, memory: tuple[float, float]) -> None:
+            estimator: EnergyEstimator, lap: Laps, idle: float) -> None:
     """Fill `errors` with the budget of the quantities of interest, from companions of the finished
     run and adjoint problems, and with prices.
 
-    `lap` has its seconds so far, `memory` its MiB, and those before anything was read.
+    `lap` has its seconds so far, `idle` are MiB before anything was read.
     """
     from ..estimates import adjoint
     from ..estimates.alternatives import price_list
@@ -294,6 +292,6 @@ def _budget(errors: dict, directory: Path, request: Request, problem: Problem, w
         errors["adjoint"] = said
         errors["energy"] |= of_time(errors["quantities"], errors["energy"])
         errors["prices"] = price_list(companions, parts, errors["quantities"], request.quantity,
-                                      took, *memory, lambda: time.perf_counter() - lap.last)
+                                      took, idle, lambda: time.perf_counter() - lap.last)
     finally:
         levels.close()

@@ -80,11 +80,12 @@ class Progress:
 
 
 class Watch:
-    """What is said while companions of a run are solved, one after the other."""
+    """What is said while companions of a run, or runs of a search, are solved one after the other.
+    """
 
-    def __init__(self, label: str, quiet: bool):
-        """`label` of the run; `quiet`: nothing is said."""
-        self.label, self.quiet, self.bar = label, quiet, None
+    def __init__(self, label: str, quiet: bool, search: bool = False):
+        """`label` of the run; `quiet`: nothing is said; `search`: it is one for ACCURACY."""
+        self.label, self.quiet, self.search, self.bar = label, quiet, search, None
         self.about, self.companion, self.total, self.done = "", 0, 0, 0
         self.start = self.spoken = time.perf_counter()
 
@@ -118,7 +119,9 @@ class Watch:
 
     @property
     def words(self) -> str:
-        """Stage and companion that are at work."""
+        """Stage and companion, or run of a search, that are at work."""
+        if self.search:
+            return f"{self.label}: ACCURACY, run {self.companion}"
         return f"{self.label}: error estimates {self.about}: companion {self.companion}"
 
 

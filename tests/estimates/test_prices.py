@@ -62,6 +62,16 @@ def test_chance_of_small_runs_is_not_extrapolated():
     assert 2 * 2e-5 * 1e5 < slow.stage("export", 1e5) < 1e-4 * 1e5 + 0.5
 
 
+def test_what_large_runs_take_is_none_of_small_ones():
+    """Two bodies by ACCURACY: FreeFEM took 50 s for 212,000 unknowns, and 53 s were predicted for
+    2,000, as no more than a part was believed to be for unknowns.
+    """
+    busy = [Measured(n, 10, {"export": 0.1 + 2.4e-4 * n, "setup": 1e-5 * n, "solve": 0.1})
+            for n in (400, 7e4)]
+    run = Measured(2.1e5, 10, {"export": 51.0, "setup": 2.1, "solve": 1.0, "output": 1.0})
+    assert Costs(run, busy, busy, busy).run(2e3, 10) < 5
+
+
 UNIFORM = Uniform("P1", "h", [0.1, 0.2, 0.4], [0.01, 0.03, 0.05], [1.6e4, 4e3, 1e3], 1.0,
                   COSTS)
 
@@ -89,6 +99,16 @@ def test_unknowns_grow_as_those_of_the_run_and_its_companions_do(grows):
     kind = Uniform("P1", "h", sizes, [0.1, 0.2, 0.3], [grows(h) for h in sizes], 1.0, COSTS)
     assert kind.count(0.12) == pytest.approx(grows(0.12), rel=1e-6)
     assert kind.count(3.2) == grows(3.2)
+
+
+def test_unknowns_of_other_elements_grow_as_those_of_the_run_do():
+    """A hook with a hole: its outline makes most of the quadratic companions, two coarse meshes,
+    which told of 27,300 unknowns, of 26 s and of 205 MiB, where there were 71,360.
+    """
+    own = Uniform("P1", "h", [2.0, 4.0, 8.0], [0.1, 0.2, 0.3], [964.0, 304.0, 138.0], 1.0, COSTS)
+    other = Uniform("P2", "h", [8.0, 16.0], [0.1, 0.2], [480.0, 226.0], 1.0, COSTS, like=own)
+    assert other.count(0.43) == pytest.approx(71360, rel=0.1)
+    assert other.count(1.4) == pytest.approx(7178, rel=0.1) and other.count(16.0) == 226.0
 
 
 def test_unknowns_of_any_mesh_grow_with_its_area_in_the_end():
@@ -213,9 +233,11 @@ def test_every_digit_costs_more_and_names_the_fastest():
 
 
 def test_memory_of_packages_does_not_grow():
-    """A run with 100 unknowns has 60 MiB that are not theirs; one with a million has a thousand."""
+    """A run with 100 unknowns has 60 MiB that are not theirs; one with a million has a thousand.
+    With its estimates an unknown takes up to 8 kB.
+    """
     small = Whole(measured(100.0), 1.0, COSTS, 150.0, 90.0)
-    assert small.memory_of(100.0) == pytest.approx(150.0) and small.memory_of(1e4) < 200
+    assert small.memory_of(100.0) == pytest.approx(150.0) and 200 < small.memory_of(1e4) < 240
     large = Whole(measured(1e6), 1.0, COSTS, 1090.0, 90.0)
     assert large.memory_of(2e6) == pytest.approx(2090.0)
 

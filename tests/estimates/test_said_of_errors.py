@@ -323,10 +323,10 @@ def test_why_there_are_no_prices(monkeypatch, entry, reason):
     of = SimpleNamespace()
     whole = {"slip": entry, "normal_resultant": {"value": 2.0, "total": 0.1},
              "displacement": {"value": 2.0, "total": 0.1}}
-    found = alternatives.price_list(of, {}, whole, "slip", None, 1.0, 1.0)
+    found = alternatives.price_list(of, {}, whole, "slip", None, 1.0)
     assert reason in found["reason"] and found["quantity"] == "slip" and found["lines"] == []
     monkeypatch.setattr(alternatives, "_predicted", lambda *given: list(given[2:4]))
-    unnamed = alternatives.price_list(of, {}, whole, "", None, 1.0, 1.0)
+    unnamed = alternatives.price_list(of, {}, whole, "", None, 1.0)
     first = "slip" if reason.startswith("could") else "normal_resultant"
     assert unnamed["quantity"] == first and unnamed["lines"] == [first, whole[first]["value"]]
 
@@ -338,7 +338,7 @@ def test_prices_are_not_those_of_a_force_that_loads_give(monkeypatch, error, fir
     whole = {name: {"value": 2.0, "total": 0.1} for name in names}
     parts = {"mesh": {"normal_resultant": Part(error), "displacement": Part(0.1)}}
     for budget_, name in ((whole, first), ({names[0]: whole[names[0]]}, names[0])):
-        found = alternatives.price_list(SimpleNamespace(), parts, budget_, "", None, 1.0, 1.0)
+        found = alternatives.price_list(SimpleNamespace(), parts, budget_, "", None, 1.0)
         assert found["quantity"] == name
 
 
@@ -348,7 +348,7 @@ def test_prices_are_not_those_of_what_is_exact(monkeypatch):
     exact = {"contact_length": {"value": 2.0, "total": 0.0}}
     for budget_, name in ((exact | {"slip": {"value": 2.0, "total": 0.1}}, "slip"),
                           (exact, "contact_length")):
-        found = alternatives.price_list(SimpleNamespace(), {}, budget_, "", None, 1.0, 1.0)
+        found = alternatives.price_list(SimpleNamespace(), {}, budget_, "", None, 1.0)
         assert found["quantity"] == name
 
 

@@ -14,10 +14,10 @@ from driver.arguments import SHARE
 from driver.contact import equilibrium
 from driver.errors import InputError, NoSolution, NotConverged
 from driver.estimates import successive
-from driver.estimates.budget import Part, extrapolate, formal_order
+from driver.estimates.budget import SINGULAR, Part, extrapolate, formal_order
 from driver.estimates.levels import Levels
 from driver.options import Settings
-from driver.runs import goal, search, trials
+from driver.runs import goal, search, trials, watch
 from driver.runs.run import Run, execute
 from driver.runs.tolerances import tightened
 
@@ -408,6 +408,33 @@ def test_history_that_does_not_matter_takes_one_step(solved):
     assert solved("thermal", accuracy="3%,normal_resultant").summary["steps"] == 1
     # the largest pressure is on the way
     assert solved("bar", accuracy="3%,peak_pressure").summary["steps"] > 1
+
+
+def test_runs_of_a_search_that_take_long_are_told_in_lines(tmp_path, monkeypatch, capfd):
+    """Minutes had passed without a line where steps were looked for."""
+    monkeypatch.setattr(watch, "SELDOM", 0.0)
+    execute(Run.from_pairs({"scene": "cantilever", "accuracy": "10%", "figures": "no",
+                            "out": str(tmp_path / "out")}))
+    said = capfd.readouterr().out
+    assert "cantilever: ACCURACY, run 1, step 1/1, 0 s left of it" in said
+    assert "ACCURACY, run 2, step" in said and "error estimates" not in said
+
+
+@pytest.mark.parametrize("values, note, grows", [
+    ((100.0, 130.0, 169.0), SINGULAR, True), ((100.0, 110.0, 120.0), SINGULAR, True),
+    ((100.0, 130.0), SINGULAR, True), ((130.0, 100.0), SINGULAR, False),
+    ((134.0, 157.0, 121.0), SINGULAR, False), ((157.0, 121.0, 127.0), SINGULAR, False),
+    ((121.0, 127.2, 128.1), SINGULAR, False), ((100.0, 130.0, 169.0), "", False)])
+def test_what_turns_back_or_settles_does_not_grow_from_mesh_to_mesh(values, note, grows):
+    """The pressure beside the rounding of a foot, 134, 157, 121, 127.2 and 128.1 MPa, was refused
+    at 121, as if it grew.
+    """
+    of = goal.Search.__new__(goal.Search)
+    of.name, of.knob, of.parts = "peak_pressure", "h", {"mesh": {"peak_pressure": Part(None,
+                                                                                       note=note)}}
+    of.sizes = [0.5**k for k in range(len(values))]
+    of.values = lambda size: {"peak_pressure": values[of.sizes.index(size)]}
+    assert of._grows() == grows
 
 
 @pytest.mark.slow  # a search to its finest mesh

@@ -17,7 +17,7 @@ import pytest
 
 from driver import cli, environment
 from driver.errors import InputError
-from driver.estimates import companions, prices
+from driver.estimates import alternatives, companions, prices
 from driver.march import checkpoint
 from driver.runs import guard, run, solve, watch, workspace
 
@@ -223,6 +223,24 @@ def test_a_price_list_that_fails_leaves_the_budget_with_a_warning(tmp_path, monk
                if line.startswith(solve.NO_ESTIMATES))
     assert "normal_resultant" in summary["errors"]["quantities"]
     assert "prices" not in summary["errors"] and "Traceback" in (out / "run.log").read_text()
+
+
+def test_memory_is_that_of_a_run_with_its_estimates(tmp_path, monkeypatch):
+    """Companions stay in memory: 533 MiB for 241 without, of a run whose list had said 205."""
+    used, assess = [100.0], companions.assess
+
+    def estimated(*given):
+        used[0] = 700.0
+        return assess(*given)
+
+    monkeypatch.setattr(companions, "assess", estimated)
+    monkeypatch.setattr(alternatives, "memory_used", lambda: used[0])
+    monkeypatch.setattr(solve.summary, "largest_memory", lambda _comm: used[0])
+    out = execute(f"OUT={tmp_path / 'out'}", "ERRORS=yes").out
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["memory_mib"] == 700.0
+    lines = [line for line in summary["errors"]["prices"]["lines"] if "settings" in line]
+    assert lines and all(line["memory_mib"] > 690.0 for line in lines)
 
 
 SPOILED = """
