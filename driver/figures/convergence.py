@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter
 
+from ..text import counted
 from .layout import as_map, run_header
 from .reading import Run, select
 from .style import BLUE, GREEN, INCH, INK, ORANGE
@@ -90,4 +91,4 @@ def adaptivity(figure: Figure, run: Run) -> None:
             lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else ""))
     error.tick_params(which="both", labelsize=7, length=3)
     run_header(figure, run, "Adaptive refinement", error.get_legend_handles_labels()[0],
-               f"{len(run.first.corners)} triangles after {len(size) - 1} cycles")
+               f"{len(run.first.corners)} triangles after {counted(len(size) - 1, 'cycle')}")

@@ -4,6 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullFormatter
 
+from ..text import counted
 from .history import coordinate, loops, markers
 from .layout import run_header
 from .reading import Run, contact_boundaries, select
@@ -35,8 +36,7 @@ def cycles(figure: Figure, run: Run) -> None:
     verdict = "not settled" if found["settled_after"] is None else (
         f"settled from cycle {found['settled_after']} on")
     skipped = f", {found['skipped']} of them jumped over" if found["skipped"] else ""
-    counted = "1 cycle" if found["number"] == 1 else f"{found['number']} cycles"
-    title = f"{counted}{skipped}: {found['last']['kind']}, {verdict}"
+    title = f"{counted(found['number'], 'cycle')}{skipped}: {found['last']['kind']}, {verdict}"
     run_header(figure, run, title, [], f"loop: {named}")
 
 

@@ -230,7 +230,7 @@ def test_memory_is_that_of_a_run_with_its_estimates(tmp_path, monkeypatch):
     used, assess = [100.0], companions.assess
 
     def estimated(*given):
-        used[0] = 700.0
+        used[0] = 1e5  # whatever the process of the tests has had
         return assess(*given)
 
     monkeypatch.setattr(companions, "assess", estimated)
@@ -238,9 +238,9 @@ def test_memory_is_that_of_a_run_with_its_estimates(tmp_path, monkeypatch):
     monkeypatch.setattr(solve.summary, "largest_memory", lambda _comm: used[0])
     out = execute(f"OUT={tmp_path / 'out'}", "ERRORS=yes").out
     summary = json.loads((out / "summary.json").read_text())
-    assert summary["memory_mib"] == 700.0
+    assert summary["memory_mib"] == 1e5
     lines = [line for line in summary["errors"]["prices"]["lines"] if "settings" in line]
-    assert lines and all(line["memory_mib"] > 690.0 for line in lines)
+    assert lines and all(line["memory_mib"] > 0.99e5 for line in lines)
 
 
 SPOILED = """

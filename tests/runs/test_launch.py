@@ -89,7 +89,7 @@ def test_subdomains_are_taken_while_freefem_works(tmp_path, monkeypatch):
         return claim(ahead, subdomains)
 
     monkeypatch.setattr(Ahead, "claim", claimed)
-    monkeypatch.setattr(solve, "_estimated", lambda *parts: (None, str(parts[-1][1])))
+    monkeypatch.setattr(solve, "_estimated", lambda *parts: (None, str(parts[-1])))
     for allowed in (True, False):
         monkeypatch.setattr(Ahead, "advance", lambda ahead, allowed=allowed:
                             allowed and advance(ahead))
