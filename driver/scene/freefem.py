@@ -64,6 +64,7 @@ def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int 
     script.check_statements(scene)
     script.check_gmsh_numbers(scene)
     script.check_sizes(scene)
+    script.check_parameters(scene, parameters)
     text = text_digest(scene)
     directory.mkdir(parents=True, exist_ok=True)
     given = {**parameters, "sizes": str(sizes)} if sizes else parameters

@@ -135,6 +135,24 @@ def check_gmsh_numbers(scene: Path) -> None:
                                      f"reads the number {name}{near(name, known)}")
 
 
+def check_parameters(scene: Path, given) -> None:
+    """Refuse parameters `given` that the scene cannot read, before FreeFEM meshes it.
+
+    What it leaves unread all the same FreeFEM tells, as where names are made as it reads the scene.
+    Raises InputError.
+    """
+    code, names = "\n".join(_code(scene)), grammar.parameters(scene)
+    if re.search(r'\b(?:physical|whole|choice)\s*\((?!\s*"[^"]*"\s*[,)])', code):
+        return
+    size = next((word for call, word in (("rectangle", "cells"), ("meshSize", "h"))
+                 if re.search(rf"\b{call}\s*\(", code)), "remesh")
+    reads = [name.upper() for name in (*names.values(), "subdomains", "steps", "element", size)]
+    for name in given:
+        if name.lower() not in {*names, *grammar.OF_LIBRARY, "h", "cells"}:
+            raise InputError(f"{scene.name}: unknown parameter {name.upper()}; this scene reads "
+                             f"{', '.join(reads)}{near(name.upper(), reads)}")
+
+
 def check_sizes(scene: Path) -> None:
     """Refuse an element size, from meshSize, that nothing in the scene reads. Raises InputError.
 

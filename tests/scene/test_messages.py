@@ -605,6 +605,14 @@ def test_options_are_named_as_users_give_them(said, given, words):
     assert said(parameters=given) == f"mine.edp: {words}" or words in said(parameters=given)
 
 
+def test_what_no_scene_reads_is_refused_before_it_is_meshed(said, monkeypatch):
+    """FreeFEM tells where names are made as it reads the scene."""
+    made = 'physical("friction", 0.3)', 'physical("fric" + "tion", 0.3)'
+    assert "this scene reads FRICTION, " in said(made, parameters={"fricton": "1"})
+    monkeypatch.setattr(freefem, "_run", None)
+    assert "did you mean FRICTION?" in said(parameters={"fricton": "1"})
+
+
 def test_what_the_solver_says_of_an_option_has_no_line_of_the_scene(tmp_path):
     path = tmp_path / "mine.edp"
     path.write_text(SCENE)
