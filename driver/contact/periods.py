@@ -81,6 +81,14 @@ class Periods:
         share = np.divide(nodes.weight, whole, out=np.ones(len(heir)), where=whole > 0)
         return Ends(met, heir, share)
 
+    def having_conditions(self, gids: np.ndarray, known: np.ndarray) -> np.ndarray:
+        """(n,) `gids` of contact nodes; of two in one place that of the one whose condition is that
+        of both, which alone is `known`.
+        """
+        one, two = self.same[np.isin(self.same, known) @ [2, 1] == 1].T
+        of = dict(zip(one.tolist(), two.tolist()))
+        return np.array([of.get(gid, gid) for gid in gids.tolist()], gids.dtype)
+
     def offsets(self, near: np.ndarray, place: np.ndarray) -> np.ndarray:
         """(m, 2) by which images of places (k, 2) are moved that come beside `near` (n, 2).
 

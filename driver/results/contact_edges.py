@@ -117,8 +117,9 @@ def _lengths_of(nodes: dict, piece: np.ndarray, steps: dict,
         return piece, piece, own[piece] * closed
     inside = np.diff(nodes["arc"][piece]) * (closed[1:] & closed[:-1])
     beyond, whole = beyond_ends(nodes, piece), closed[[0, -1]] & closed[[1, -2]]  # at the ends
-    follows = onward(nodes, piece)
-    beyond[(follows >= 0) & (steps["status"][index][follows] == OPEN) & ~whole] = 0.0
+    for end, follows in enumerate(onward(nodes, piece)):
+        if follows >= 0 and closed[-end] and steps["status"][index][follows] == OPEN:
+            beyond[end] = _across(nodes, piece[::-1] if end else piece, steps, index)
     at_ends = np.where(whole, beyond, np.maximum(beyond, 0.0)) * closed[[0, -1]]
     parts = edges_of_contact(nodes, piece, steps, index)
     ends = [(0, -1, beyond[0]), (len(piece) - 1, len(piece), beyond[1])]
@@ -154,6 +155,20 @@ def edges_of_contact(nodes: dict, piece: np.ndarray, steps: dict,
             part = _part(-x[k::-1], opening[k::-1], pressure[k:], -x[k:], closed[k::-1])
             edges.append((k, i, part))
     return edges
+
+
+def _across(nodes: dict, piece: np.ndarray, steps: dict, index: int) -> float:
+    """Length in contact between the closed node that a piece begins with and the open one that
+    follows it across a period.
+    """
+    arc, first = nodes["arc"], nodes["onward"][piece[0]]
+    other = next(own for own in chains(nodes) if first in own)
+    line = np.append(piece[0], other if other[0] == first else other[::-1])
+    x = nodes["seam"][first] + np.abs(arc[line] - arc[first])
+    x[0] = 0.0
+    pressure = np.maximum(-steps["sigma_n"][index], 0.0)
+    return _part(x, _opening(nodes, steps, index)[line], pressure[piece],
+                 -np.abs(arc[piece] - arc[piece[0]]), steps["status"][index][line] != OPEN)
 
 
 def _opening(nodes: dict, steps: dict, index: int) -> np.ndarray:

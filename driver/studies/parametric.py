@@ -165,9 +165,11 @@ def _contact_of(name: str, effects, whole, data, gid: np.ndarray, pairs: list):
     Nodes, weights and normals of all values are those of the first (study.idp): that later ones
     keep them is what freefem.export_study sees to.
     """
+    boundary = whole.declared
+    if whole.periods is not None:
+        gid = whole.periods.having_conditions(gid, boundary.gid)
     table = contact_table(data, list(data.columns), gid, np.zeros((len(gid), 2)))
     read = merge_parts(table, list(data.columns), pairs)
-    boundary = whole.declared
     place = _places(boundary, read)
     rigid = ~boundary.paired  # between two bodies weight, normal and gap follow from both sides
     if not ((place >= 0).all()

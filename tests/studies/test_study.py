@@ -245,6 +245,35 @@ include "export.idp"
             compare(files["contact"], single, **{parameter: value})
 
 
+@pytest.mark.parametrize("more", ["", pytest.param("macro largeSliding() 0.2 //\n",
+                                                  marks=pytest.mark.slow)])  # seconds
+def test_values_where_contact_goes_on_across_a_period(made, tmp_path, more):
+    """A wave whose crest is at both ends of the period or within, on one mesh: the same numbers in
+    all steps, also of contact that ends in the edge across the period's end.
+    """
+    path = tmp_path / "wave.edp"
+    path.write_text(f"""include "scene.idp"
+real start = physical("start", 0.), F = physical("friction", 0.3);
+mesh Wave = square(40, 4, [4*x + start, 2*y]);
+body = movemesh(Wave, [x, y + (2 - y)*0.04*(1 + cos(pi*x/2))]);
+macro young() 300. //
+macro poisson() 0.2 //
+quasistatic(1.);
+macro amplitude1(t) t //
+macro periodic() 2, 4 //
+macro contact() 1 //
+macro obstacle(x, y) y //
+macro friction() F*(1 + 0.2*cos(pi*x)) //
+{more}macro displacement1() on(3, u1 = 0.05, u2 = -0.02) //
+include "export.idp"
+""")
+    one, other = (made(scene=str(path), start=start, friction="0.1,0.3", steps="16",
+                       out=str(tmp_path / start))[1]["history"] for start in ("2", "4"))
+    for name in ("resultant_n", "resultant_t", "peak_pressure", "contact_length", "dissipated"):
+        np.testing.assert_allclose(*([float(row[name]) for row in rows] for rows in (one, other)),
+                                   rtol=1e-6, err_msg=name)
+
+
 def test_loads_that_no_value_changes_are_one_pattern(built):
     """Equal to the last bit: they are solved for once."""
     problem = built(cells=2)
