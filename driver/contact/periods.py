@@ -55,10 +55,11 @@ class Periods:
                                          for label in (joint.first, joint.second)]))
         return cls(gids, np.concatenate(same), ways)
 
-    def same_of(self, gids: np.ndarray) -> np.ndarray:
-        """(k, 2) which of the nodes `gids` (n,) are in one place."""
-        order = np.argsort(gids, kind="stable")
-        pairs = self.same[np.isin(self.same, gids).all(axis=1)]
+    def same_of(self, gids: np.ndarray, pairs: np.ndarray | None = None) -> np.ndarray:
+        """(k, 2) which of the nodes `gids` (n,) are in one place; of all these or of some `pairs`.
+        """
+        pairs, order = self.same if pairs is None else pairs, np.argsort(gids, kind="stable")
+        pairs = pairs[np.isin(pairs, gids).all(axis=1)]
         return order[np.searchsorted(gids, pairs, sorter=order)]
 
     def ends(self, nodes, fixed: np.ndarray) -> "Ends":

@@ -92,7 +92,8 @@ class PairSides:
         second, others, two, *_ = self._side(other_labels)
         within = reach
         if self.periods is not None:
-            first.same = _in_one_place(gids, nodes, nodes if heir is None else heir)
+            one_place = np.column_stack([nodes, heir])[nodes != heir]
+            first.same = self.periods.same_of(gids, one_place)
             second, times = self.periods.repeated(second, first.xy)
             others, two = np.tile(others, times), np.tile(two, times)
             within = np.inf if reach is None else reach  # of images the nearest
@@ -175,15 +176,6 @@ class PairSides:
             bow = rise[:, None] * normal
         side = Side(xy.reshape(-1, 2)[first], edges, normal, bow, length, radius, **curved)
         return side, gids, self.label[here], places, twins
-
-
-def _in_one_place(gids: np.ndarray, nodes: np.ndarray, heir: np.ndarray) -> np.ndarray:
-    """(k, 2) which of a side's nodes `gids` those contact `nodes` are that have the condition of an
-    `heir`, and these heirs.
-    """
-    both = np.column_stack([nodes, heir])[nodes != heir]
-    order = np.argsort(gids, kind="stable")
-    return order[np.searchsorted(gids, both, sorter=order)]
 
 
 def _normals(xy: np.ndarray) -> np.ndarray:

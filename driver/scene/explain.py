@@ -83,11 +83,10 @@ def refusal(said: str, scene: Path) -> str:
 
 def _as_options(said: str, scene: Path) -> str:
     """FreeFEM's flags, -friction 0.3, as a user gives them to the driver, FRICTION=0.3."""
-    known = [*grammar.parameters(scene).values(), *grammar.OF_LIBRARY, "h", "cells"]
     if unknown := re.match(r"unknown parameter '-(\w+)'; this scene reads", said):
         name, names = unknown[1].upper(), re.findall(r" -(\w+)", said.upper())
         return f"unknown parameter {name}; this scene reads {', '.join(names)}{near(name, names)}"
-    flags = "|".join(sorted(known, key=len, reverse=True))
+    flags = "|".join(sorted(grammar.readable(scene), key=len, reverse=True))
     return re.sub(rf"(?<![\w-])-({flags})\b", lambda flag: flag[1].upper(), said)
 
 

@@ -30,7 +30,8 @@ AFTER_MACRO = re.compile(r"[ \t]*(?:macro|include|IFMACRO|ENDIFMACRO)\b")
 HIDDEN = re.compile(r'\bNewMacro\s+(\w+)|\S.*?\b(?:macro\s+(\w+)|(include)\s*")')
 DECLARATION = re.compile(r"(?:real|int|bool|string|complex|mesh|matrix|varf|border|fespace|"
                          r"func\s+\w+)(?:\s*\[[^\]]*\])?\s+([^;]*)")
-PARAMETER = re.compile(r'\b(?:physical|whole|choice)\s*\(\s*"([^"]*)"')
+READS = r"\b(?:physical|whole|choice)\s*\("
+PARAMETER = re.compile(READS + r'\s*"([^"]*)"')
 # strings, which may go on in the next line; of the patterns beside them what the group has stays
 TEXT = r'"(?:[^"\\\n]|\\(?:.|\n))*"'
 TEXT_OR_COMMENT = re.compile(rf"({TEXT})|//[^\n]*")
@@ -319,6 +320,11 @@ def parameters(scene: Path) -> dict[str, str]:
     """Names of the parameters that a scene reads, as it spells them, by their small letters."""
     return {name.lower(): name for source in sources(scene) for line in source.code
             for name in PARAMETER.findall(line)}
+
+
+def readable(scene: Path) -> list[str]:
+    """Names of all parameters that a scene may be given, those of the library among them."""
+    return [*parameters(scene).values(), *OF_LIBRARY, "h", "cells"]
 
 
 def _check_parameters(source: Source) -> None:

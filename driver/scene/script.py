@@ -141,14 +141,15 @@ def check_parameters(scene: Path, given) -> None:
     What it leaves unread all the same FreeFEM tells, as where names are made as it reads the scene.
     Raises InputError.
     """
-    code, names = "\n".join(_code(scene)), grammar.parameters(scene)
-    if re.search(r'\b(?:physical|whole|choice)\s*\((?!\s*"[^"]*"\s*[,)])', code):
+    code, known = "\n".join(_code(scene)), {name.lower() for name in grammar.readable(scene)}
+    if re.search(grammar.READS + r'(?!\s*"[^"]*"\s*[,)])', code):
         return
     size = next((word for call, word in (("rectangle", "cells"), ("meshSize", "h"))
                  if re.search(rf"\b{call}\s*\(", code)), "remesh")
-    reads = [name.upper() for name in (*names.values(), "subdomains", "steps", "element", size)]
+    reads = [name.upper() for name in (*grammar.parameters(scene).values(), "subdomains", "steps",
+                                       "element", size)]
     for name in given:
-        if name.lower() not in {*names, *grammar.OF_LIBRARY, "h", "cells"}:
+        if name.lower() not in known:
             raise InputError(f"{scene.name}: unknown parameter {name.upper()}; this scene reads "
                              f"{', '.join(reads)}{near(name.upper(), reads)}")
 
