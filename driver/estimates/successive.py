@@ -22,11 +22,11 @@ def mesh_parts(problem, levels: list[Level], ratios: list[float], name: str,
                                     {name: finest.values[name]},
                                     lambda: gather_body(Gather(problem.operator)))
     energy = of_level(problem, finest, estimator)
-    error, last = unresolved.energy_error(energy), finest.at == finest.declared - 1
+    error = unresolved.energy_error(energy)
     caution = Caution.of(problem, touches[0], adjoints, error, polygons=stand_for_curves(problem))
     found = caution.parts(values[0], unresolved.alike(list(zip(values, values[1:]))), ratios,
                           finest.singular, touches)
     unknown = unresolved.parts(values[0], error, touches[0], problem.manifest.element,
                                bool(adjoints),
-                               last and unresolved.blind(energy, said.get("smoothed")))
+                               unresolved.blind(energy, said.get("smoothed"), finest.at + 1))
     return unresolved.known(found, unknown, values[0], touches[0])

@@ -14,10 +14,11 @@ from driver.arguments import SHARE
 from driver.contact import equilibrium
 from driver.errors import InputError, NoSolution, NotConverged
 from driver.estimates import successive
+from driver.estimates.between_steps import Strides
 from driver.estimates.budget import SINGULAR, Part, extrapolate, formal_order
 from driver.estimates.levels import Levels
 from driver.options import Settings
-from driver.runs import goal, search, trials, watch
+from driver.runs import goal, trials, watch
 from driver.runs.run import Run, execute
 from driver.runs.tolerances import tightened
 
@@ -557,10 +558,9 @@ def test_steps_end_where_histories_turn(monkeypatch, frictional, history, steps)
     of.follow(SimpleNamespace(manifest=manifest, structure=SimpleNamespace(
         contact=SimpleNamespace(motion_of_all_times=None))))
     assert of.steps == steps
-    tried = object.__new__(search.Tried)  # as its price list sees it, with these steps
-    tried.effects, tried.motion = of.effects, None
-    tried.manifest = dataclasses.replace(of.history, steps=of.steps)
-    assert tried.misses(4) == (frictional and history(2.0) != 2.0)
+    # as its price list sees it, with these steps
+    strides = Strides(of.effects, dataclasses.replace(of.history, steps=of.steps), None)
+    assert strides.misses(4) == (frictional and history(2.0) != 2.0)
 
 
 @dataclasses.dataclass
