@@ -189,6 +189,10 @@ def test_units_that_can_be_none(tmp_path):
         with pytest.raises(InputError, match=words) as refusal:
             script.check_units(path, SimpleNamespace(units={"length": length, "stress": stress}))
         assert place(str(refusal.value)) == line_of("units")
+    (tmp_path / "units.idp").write_text('units("3", "Pa");\n')  # the file that is to be changed
+    path.write_text('include "units.idp"\n')
+    with pytest.raises(InputError, match=r"^units\.idp line 1: units: "):
+        script.check_units(path, SimpleNamespace(units={"length": "3", "stress": "Pa"}))
     for length, stress in (("1", "1"), ("-", "-"), ("a", "E"), ("in", "psi"), ("mm", "N/mm^2")):
         script.check_units(path, SimpleNamespace(units={"length": length, "stress": stress,
                                                         "forces": "all"}))
