@@ -9,7 +9,6 @@ converged in time.
 """
 
 import argparse
-import contextlib
 import sys
 from pathlib import Path
 
@@ -19,7 +18,6 @@ from .arguments import parse_pairs
 from .errors import DriverError, InputError, report_error, shortage, write_error
 from .runs import launch
 from .runs import run as runs
-from .runs.own_process import run_beside
 from .runs.run import Run, execute
 from .scene import freefem
 from .text import shown
@@ -49,16 +47,8 @@ def model(words: list[str]) -> None:
         _execute(pairs, STARTED)
         return
     base = pairs.get("out", str(options.RESULTS / "model"))
-    first, *others = [{**pairs, "loading": loading, "out": f"{base}-{loading}"}
-                      for loading in ([pairs["loading"]] if "loading" in pairs else LOADINGS)]
-    if options.CORES == 1 or {"np", "hosts"} & set(pairs):
-        for each in (first, *others):
-            _execute(each)
-        return
-    with contextlib.ExitStack() as stack:
-        for each in others:
-            stack.enter_context(run_beside(each))
-        _execute(first, STARTED)
+    for loading in [pairs["loading"]] if "loading" in pairs else LOADINGS:
+        _execute({**pairs, "loading": loading, "out": f"{base}-{loading}"})
 
 
 def _execute(pairs: dict[str, str], since: float | None = None) -> None:
