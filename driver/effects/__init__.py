@@ -125,7 +125,7 @@ class Effect:
         """The Following of the contact `nodes` and their ObstacleMotion; contact/following.py."""
 
     def paired_sides(self, subdomains, fixed, comm, moved=None):
-        """Boundaries of two bodies that meet; see effects/pair.py."""
+        """Boundaries of two bodies that meet; see contact/pair_sides.py."""
 
     def joints(self) -> list:
         """Boundaries that it joins for good: Joint of contact/joints.py."""
@@ -274,7 +274,7 @@ class Effects:
         return any(room.one_node_a_vertex for room in self)
 
     def paired_sides(self, subdomains, fixed, comm, moved=None):
-        """Boundaries of two bodies that meet (effects/pair.py), None without pairs; collective."""
+        """The PairSides of contact/pair_sides.py, None without pairs; collective."""
         return _first(room.paired_sides(subdomains, fixed, comm, moved) for room in self)
 
     @property
