@@ -329,17 +329,22 @@ def changed_by(scene: Path, name: str) -> set[str]:
     return changed | (reached & rooms.vocabulary())
 
 
-def _code(script: Path) -> list[str]:
-    """Lines of a script and of what it includes, but for the library's own files."""
-    lines = []
-    for line in script.read_text(errors="replace").splitlines():
-        include = re.match(r'\s*include\s+"([^"]+)"', line)
-        if not include:
-            lines.append(line)
-        elif include[1] not in OWN_FILES:
-            places = [folder / include[1] for folder in (script.parent, environment.LIBRARY)]
-            lines += [more for place in places if place.is_file() for more in _code(place)]
-    return lines
+def _code(scene: Path) -> list[str]:
+    """Lines of a scene and of what it includes, but for the library's own files: InputError."""
+    grammar.sources(scene)  # no file includes itself
+
+    def lines(path: Path) -> list[str]:
+        found = []
+        for line in path.read_text(errors="replace").splitlines():
+            include = re.match(grammar.INCLUDE, line)
+            if not include:
+                found.append(line)
+            elif include[1] not in OWN_FILES:
+                places = [folder / include[1] for folder in (scene.parent, environment.LIBRARY)]
+                found += [more for place in places if place.is_file() for more in lines(place)]
+        return found
+
+    return lines(scene)
 
 
 def _definitions(text: str) -> tuple[list[tuple[str, str]], list[str]]:

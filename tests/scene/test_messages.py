@@ -211,6 +211,22 @@ def test_files_that_are_no_scene(tmp_path, content, words):
     assert not (tmp_path / "export").exists()
 
 
+@pytest.mark.usefixtures("without_freefem")
+@pytest.mark.parametrize("second", ["first.idp", "second.idp"])
+def test_files_that_include_each_other(tmp_path, second):
+    """Or one itself: FreeFEM reads them until it has no more files."""
+    path = tmp_path / "mine.edp"
+    path.write_text(SCENE.replace('include "scene.idp"',
+                                  'include "scene.idp"\ninclude "first.idp"'))
+    (tmp_path / "first.idp").write_text('include "second.idp"\n')
+    (tmp_path / "second.idp").write_text(f'real k = 1.;\ninclude "{second}"\n')
+    with pytest.raises(InputError, match=f'^second.idp line 2: include "{second}" leads back'):
+        freefem.export(path, tmp_path / "export", {})
+    (tmp_path / "second.idp").write_text("real k = 1.;\n")  # one that two files include
+    path.write_text(path.read_text() + 'include "second.idp"\n')
+    grammar.sources(path)
+
+
 def test_every_shipped_scene_passes():
     for path in (*freefem.SCENES.glob("*.edp"), *freefem.SCENES.glob("hard/*.edp")):
         grammar.check(path)
