@@ -13,7 +13,7 @@ from . import caution, jumps, soundness, unresolved
 from .between_steps import Strides, finer
 from .budget import (OF_TIME, Part, advice, coarser, extrapolate, formal_order, mesh_knob, name_of,
                      located, of_one_step, ratio, summed)
-from .free_peak import ROUNDING, UNSEEN, Peaks, exceeding
+from .free_peak import Peaks, exceeded
 from .levels import Level, Levels, samples
 from .polygons import stand_for_curves
 
@@ -202,32 +202,18 @@ class Companions:
                 for mesh in self.meshes[:len(good) + 1]]
         parts = self.caution.parts(self.values, good, self.ratios, self.singular, touches, lost)
         if good:
-            parts["displacement"] = self._exceeded(parts["displacement"], touches, stride)
+            most = self.caution.order(touches, self.ratios)
+            parts["displacement"] = exceeded(
+                parts["displacement"], self.values["displacement"],
+                self._peaks(len(good), stride) if self.step else [], self.ratios,
+                formal_order("mesh", self.manifest.element, "displacement", most=most))
         parts = unresolved.claimable(parts, self.values, self.caution.touch.nodes > 0)
         return unresolved.known(parts, self.unresolved, self.values, self.caution.touch)
-
-    def _exceeded(self, part: Part, touches: list, stride: int) -> Part:
-        """The `part` of the largest displacement, beside what places that are not it, or not yet,
-        may have on finer meshes; `touches` as of Caution.parts.
-        """
-        value, unseen = self.values["displacement"], False
-        if self.step is not None:
-            peaks = self._peaks(len(touches) - 1, stride)
-            most = self.caution.order(touches, self.ratios)
-            formal = formal_order("mesh", self.manifest.element, "displacement", most=most)
-            part = located(part, exceeding(peaks, self.ratios, formal))
-            unseen = any(each.by_support for pair in peaks for each in pair)
-        if unseen or part.error is not None and part.error <= ROUNDING * value:
-            # that of a support: no mesh tells when a place between the supports moves by more
-            part = located(part, UNSEEN * value)
-        return part
 
     def _peaks(self, pairs: int, stride: int) -> list[tuple[Peaks, Peaks]]:
         """Of the first `pairs` of finer and coarser meshes, finest first."""
         def of(k: int, stride: int) -> Peaks:
-            level = self.level(self.meshes[k], stride)
-            return Peaks.of(level.solver.operator, level.steps[level.at],
-                            level.values["displacement"])
+            return Peaks.of_level(self.level(self.meshes[k], stride))
 
         own = Peaks.of(self.operator, self.step, self.values["displacement"])
         first = of(1, 1)

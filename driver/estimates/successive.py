@@ -1,9 +1,10 @@
 """The mesh's part of the error of a run from others on coarser meshes, as a search makes them."""
 
 from . import adjoint, unresolved
-from .budget import Part
+from .budget import Part, formal_order
 from .caution import Caution
 from .energy import of_level
+from .free_peak import Peaks, exceeded
 from .levels import Level
 from .polygons import stand_for_curves
 from .torn_body import Gather, gather_body
@@ -24,8 +25,14 @@ def mesh_parts(problem, levels: list[Level], ratios: list[float], name: str,
     energy = of_level(problem, finest, estimator)
     error = unresolved.energy_error(energy)
     caution = Caution.of(problem, touches[0], adjoints, error, polygons=stand_for_curves(problem))
-    found = caution.parts(values[0], unresolved.alike(list(zip(values, values[1:]))), ratios,
-                          finest.singular, touches)
+    good = unresolved.alike(list(zip(values, values[1:])))
+    found = caution.parts(values[0], good, ratios, finest.singular, touches)
+    if good:
+        peaks = [Peaks.of_level(level) for level in levels[:len(good) + 1]]
+        most = caution.order(touches[:len(good) + 1], ratios)
+        found["displacement"] = exceeded(
+            found["displacement"], values[0]["displacement"], list(zip(peaks, peaks[1:])), ratios,
+            formal_order("mesh", problem.manifest.element, "displacement", most=most))
     unknown = unresolved.parts(values[0], error, touches[0], problem.manifest.element,
                                bool(adjoints),
                                unresolved.blind(energy, said.get("smoothed"), finest.at + 1))

@@ -289,6 +289,27 @@ def test_contact_at_corners_ends_a_search(monkeypatch, error, sizes, corners, en
         search._refuse_corners({"mesh": error})
 
 
+@pytest.mark.parametrize("asked, error, sizes, ends", [
+    (0.01, 0.05, 3, True), (0.03, 0.05, 3, False), (0.01, 0.04, 3, False), (0.01, None, 3, False),
+    (0.01, 0.05, 2, False)])
+def test_displacements_of_supports_end_a_search(asked, error, sizes, ends):
+    """By up to 2.5 % other places may exceed them, on meshes of any size: 2 of a bulge of 2.05."""
+    search = object.__new__(goal.Search)
+    search.asked, search.name, search.sizes = asked, "displacement", [4.0, 2.0, 1.0][:sizes]
+    if not ends:
+        search._refuse_supported({"mesh": error, "value": 2.0})
+        return
+    with pytest.raises(NotConverged, match="support, or of what lies beside it.*may be 2.5 %"):
+        search._refuse_supported({"mesh": error, "value": 2.0})
+
+
+def test_a_search_claims_what_a_run_claims_of_a_support(solved):
+    """The driven support's own displacement agrees on all meshes; beside it the pad bulges."""
+    run = solved("tutorial", accuracy="5%,displacement", errors="no")
+    assert run.summary["accuracy"]["reached"] == pytest.approx(0.025)
+    assert run.summary["errors"]["quantities"]["displacement"]["relative"] >= 0.025
+
+
 @pytest.mark.parametrize("force, pressure, unnamed, said", [
     (0.001, None, True, True), (0.001, 0.1, True, True), (0.001, 0.01, True, False),
     (0.01, None, True, False), (0.001, None, False, False)])
