@@ -87,8 +87,8 @@ class Search(Trials):
         sizes = self.sizes[:-4:-1]
         levels = [self.level(size) for size in sizes]
         ratios = [ratio(self.knob, b, a) for a, b in zip(sizes, sizes[1:])]
-        problem = self.levels.problem(**self.mesh(sizes[0]))
-        self.parts["mesh"] = mesh_parts(problem, levels, ratios, self.name,
+        problems = [self.levels.problem(**self.mesh(size)) for size in sizes]
+        self.parts["mesh"] = mesh_parts(problems, levels, ratios, self.name,
                                         self.settings.estimator)
         return self.budget()[self.name]
 

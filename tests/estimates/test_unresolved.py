@@ -159,10 +159,11 @@ def test_the_bound_says_nothing_of_an_earlier_step(monkeypatch, step, known):
     peaks = SimpleNamespace(by_support=False, free=np.zeros((0, 4)), largest=1.0)
     for owner, name, answer in (
             (successive.adjoint, "assess", ({"normal_resultant": 1.0}, {"smoothed": 0.01})),
+            (successive.soundness, "lost", 0.0),
             (successive, "of_level", energy), (successive.Peaks, "of_level", peaks),
             (successive.Caution, "of", caution), (successive, "stand_for_curves", False)):
         monkeypatch.setattr(owner, name, lambda *_, answer=answer, **__: answer)
-    found = successive.mesh_parts(problem, [level, level], [2.0], "normal_resultant", "bound")
+    found = successive.mesh_parts([problem, problem], [level, level], [2.0], "normal_resultant", "bound")
     assert (found["slip"].error is not None) == known
 
 
