@@ -114,7 +114,7 @@ def effects(words: list[str]) -> None:
 
 
 def accuracy(words: list[str]) -> None:
-    """What accuracy costs: sweeps of every numerical choice, or PART=locking, PART=stopping."""
+    """What accuracy costs: sweeps of every numerical choice, or another PART."""
     from .studies.accuracy import run_accuracy
 
     _leave(run_accuracy(parse_pairs(words)))

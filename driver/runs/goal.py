@@ -319,7 +319,7 @@ class Search(Trials):
             return
         if self.asked < UNSEEN and abs(entry["mesh"] / entry["value"] - UNSEEN) <= ROUNDING:
             raise NotConverged(
-                f"the largest displacement is that of a support, or of what lies beside it: no mesh "
+                "the largest displacement is that of a support, or of what lies beside it: no mesh "
                 f"tells by how much others may exceed it, which may be {100 * UNSEEN:g} %; ask for "
                 "another quantity")
 

@@ -163,7 +163,8 @@ def test_the_bound_says_nothing_of_an_earlier_step(monkeypatch, step, known):
             (successive, "of_level", energy), (successive.Peaks, "of_level", peaks),
             (successive.Caution, "of", caution), (successive, "stand_for_curves", False)):
         monkeypatch.setattr(owner, name, lambda *_, answer=answer, **__: answer)
-    found = successive.mesh_parts([problem, problem], [level, level], [2.0], "normal_resultant", "bound")
+    found = successive.mesh_parts([problem, problem], [level, level], [2.0], "normal_resultant",
+                                  "bound")
     assert (found["slip"].error is not None) == known
 
 

@@ -7,15 +7,17 @@ whether claimed errors hold, `prices`, whether what the next digit is said to ta
 `requests`, whether ACCURACY keeps its word, and `handpicked`, what it takes over settings by hand.
 """
 
+import importlib
 from pathlib import Path
 
 from ... import environment, options
 from ...errors import InputError
 from ...runs.guard import study_folder
 
-UNREAD = {"sweeps": ("rows",), "locking": ("rows", "scene"), "curved": ("rows", "scene"),
-          "stopping": ("scene",), "coverage": ("rows",), "prices": ("rows",), "requests": ("rows",),
-          "handpicked": ("rows",)}
+# parts with scenes of their own, each a module with a function run_...: options that they read
+READ = {"locking": (), "curved": (), "stopping": ("rows",), "coverage": ("scene",),
+        "prices": ("scene",), "requests": ("scene",), "handpicked": ("scene",)}
+SOLVING = ("locking", "stopping")  # those that solve in this process
 
 
 def run_accuracy(pairs: dict[str, str]) -> list[Path]:
@@ -25,37 +27,17 @@ def run_accuracy(pairs: dict[str, str]) -> list[Path]:
     """
     given = options.read("accuracy", pairs)
     part = given["part"]
-    for name in pairs:
-        if name in UNREAD[part] or part != "sweeps" and name not in ("part", "out", "rows",
-                                                                          "scene"):
-            raise InputError(f"PART={part} does not read {name.upper()}")
     if part == "sweeps":
+        if "rows" in pairs:
+            raise InputError("PART=sweeps does not read ROWS")
         from .sweeps import run_sweeps
 
         return run_sweeps(pairs)
+    for name in pairs:
+        if name not in ("part", "out", *READ[part]):
+            raise InputError(f"PART={part} does not read {name.upper()}")
     out = study_folder(given["out"] or options.RESULTS / "accuracy" / part, "accuracy")
-    if part == "coverage":
-        from .coverage import run_coverage
-
-        return run_coverage(out, given["scene"])
-    if part == "prices":
-        from .prices import run_prices
-
-        return run_prices(out, given["scene"])
-    if part == "requests":
-        from .requests import run_requests
-
-        return run_requests(out, given["scene"])
-    if part == "handpicked":
-        from .handpicked import run_handpicked
-
-        return run_handpicked(out, given["scene"])
-    if part == "curved":
-        from .curved import run_curved
-
-        return run_curved(out)
-    environment.start_petsc()
-    from .locking import run_locking
-    from .stopping import run_stopping
-
-    return run_locking(out) if part == "locking" else run_stopping(given["rows"], out)
+    if part in SOLVING:
+        environment.start_petsc()
+    run = getattr(importlib.import_module(f"{__name__}.{part}"), f"run_{part}")
+    return run(out, *(given[name] for name in READ[part]))

@@ -117,7 +117,7 @@ def compare(folder: Path, row: int, loading: str) -> dict:
                      for rule in ("fixed", "classical")}
 
 
-def run_stopping(rows: list[str], out: Path) -> list[Path]:
+def run_stopping(out: Path, rows: list[str]) -> list[Path]:
     """Make and draw the table of some `rows` in `out`; returns the files."""
     from ...figures.stopping import draw
 
