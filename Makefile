@@ -26,8 +26,9 @@ help:  ## this list
 	@$(PYTHON) -m driver.options
 	@printf '\nscenes, each a target\n'; echo "$(SCENES)" | fmt -w 76 | sed 's/^/            /'
 
-setup:  ## install the Debian packages of apt-packages.txt that are missing
+setup:  ## install the Debian packages of apt-packages.txt that are missing, compile the modules
 	@driver/setup.sh
+	@$(PYTHON) -m compileall -qq driver || true  # else every process does it where Python keeps none
 
 demo: setup  ## set up if needed, run the model example under both loadings, draw its figures
 	@$(DRIVER) model $(GIVEN)

@@ -38,6 +38,28 @@ def share(one: Callable[[str], None], names: list[str], cores: int = CORES) -> N
                 process.join()
 
 
+@contextlib.contextmanager
+def aside(one: Callable[[], None]):
+    """one() in another process while a block runs; gives what waits for it and says whether it is
+    done. It may not be, for want of memory say: then do it here, where its error is seen.
+    """
+    process = FORK.Process(target=_quietly, args=(lambda _: one(), [""]), daemon=True)
+
+    def done() -> bool:
+        if process.pid is not None:
+            process.join()
+        return process.exitcode == 0
+
+    try:
+        with contextlib.suppress(OSError):  # no process more
+            process.start()
+        yield done
+    finally:
+        if process.pid is not None:
+            process.kill()
+            process.join()
+
+
 def _quietly(one: Callable[[str], None], names: list[str]) -> None:
     """What another process does; it says nothing and ends at once where it cannot."""
     die_of_signals()

@@ -1,4 +1,4 @@
-"""Stage 6, bodies without support: can contact hold them, and where would they come to rest?
+"""Bodies without support: can contact hold them, and where would they come to rest?
 
 The loads' work on every free rigid motion must be balanced by contact forces inside their cones, a
 linear program in the multipliers:

@@ -1,4 +1,4 @@
-"""Stage 3: boundaries joined for good, by ties or periodically, whose meshes need not match.
+"""Boundaries joined for good, by ties or periodically, whose meshes need not match.
 
 Of every joint the first boundary carries multipliers without bounds, a row for either component of
 the displacement at each of its nodes,

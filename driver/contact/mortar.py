@@ -1,4 +1,4 @@
-"""Stage 3, between bodies: mortar coupling of two boundaries with dual multipliers.
+"""Mortar coupling of the boundaries of two bodies with dual multipliers.
 
 One side of a contact pair carries the contact nodes. The multiplier's basis functions psi_i are
 biorthogonal to the side's hat functions, int psi_i phi_j ds = delta_ij int phi_i ds, so that every

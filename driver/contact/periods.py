@@ -1,4 +1,4 @@
-"""Stage 3: pairs whose bodies repeat themselves meet beyond their ends, too.
+"""Pairs whose bodies repeat themselves meet beyond their ends, too.
 
 What periodic boundaries (joints.py) declare once goes on for ever: a body that begins elsewhere
 than the other one, or slides along it, meets the other's image, moved by a whole number of periods.

@@ -125,7 +125,7 @@ class Effect:
         """The Following of the contact `nodes` and their ObstacleMotion; contact/following.py."""
 
     def paired_sides(self, subdomains, fixed, comm, moved=None):
-        """Boundaries of two bodies that meet; see effects/pair.py."""
+        """Boundaries of two bodies that meet; see contact/pair_sides.py."""
 
     def joints(self) -> list:
         """Boundaries that it joins for good: Joint of contact/joints.py."""
@@ -262,13 +262,11 @@ class Effects:
 
     def motion(self, nodes, distance: np.ndarray):
         """The ObstacleMotion of contact nodes (n,), see Effect; None where no obstacle moves."""
-        motions = (room.motion(nodes, distance) for room in self)
-        return next((motion for motion in motions if motion is not None), None)
+        return _first(room.motion(nodes, distance) for room in self)
 
     def following(self, nodes, motion):
         """The Following of contact nodes, None where their geometry is that of the start."""
-        kinds = (room.following(nodes, motion) for room in self)
-        return next((following for following in kinds if following is not None), None)
+        return _first(room.following(nodes, motion) for room in self)
 
     @property
     def one_node_a_vertex(self) -> bool:
@@ -276,9 +274,8 @@ class Effects:
         return any(room.one_node_a_vertex for room in self)
 
     def paired_sides(self, subdomains, fixed, comm, moved=None):
-        """Boundaries of two bodies that meet (effects/pair.py), None without pairs; collective."""
-        sides = (room.paired_sides(subdomains, fixed, comm, moved) for room in self)
-        return next((pair for pair in sides if pair is not None), None)
+        """The PairSides of contact/pair_sides.py, None without pairs; collective."""
+        return _first(room.paired_sides(subdomains, fixed, comm, moved) for room in self)
 
     @property
     def joints(self) -> list:
@@ -387,6 +384,11 @@ def _room(name: str, manifest) -> Effect:
             raise
         raise InputError(f"the scene declares {name}, which driver/effects lacks") from None
     return module.Room(name, manifest)
+
+
+def _first(parts):
+    """The first that is not None, None if there is none."""
+    return next((part for part in parts if part is not None), None)
 
 
 def _sum(parts) -> np.ndarray | None:

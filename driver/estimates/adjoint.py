@@ -44,7 +44,7 @@ that the last state has of it errs by what earlier ones did: no claim of slip, s
 is limited from above.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -96,7 +96,7 @@ def held(name: str, part: Part, sizes: Sizes | None, slack: float = 1.0,
                  else unseen * sizes.gross)
         most = least / slack if np.isfinite(slack) else np.inf  # no more, but for a polygon's error
     error = float(max(min(part.error, slack * most), least))
-    return Part(error, part.order, part.note, part.rate)
+    return replace(part, error=error)
 
 
 def unsuited(problem, solver, step) -> str:

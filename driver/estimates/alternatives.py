@@ -41,7 +41,7 @@ class Alternatives:
         self.levels, self.manifest = companions.levels, companions.manifest
         self.knob, self.mesh = companions.knob, parts["mesh"][name]
         self.parts = {source: part[name] for source, part in parts.items()}
-        self.stride = companions.stride(4)
+        self.stride = companions.strides.up_to(4)
         self.took: dict = {}  # runs by kind of mesh
 
     # ---- what was measured -----------------------------------------------------------------------
@@ -57,21 +57,23 @@ class Alternatives:
         seconds = {**self.levels.spent[key], "solve": level.seconds}
         return [Measured(self._unknowns(**mesh, **changes), level.declared, seconds)]
 
-    def _apart(self, values: dict, mesh: dict, stride: int) -> float | None:
-        """Distance of a value from that of a companion of the run's own kind."""
+    def _value(self, mesh: dict, stride: int) -> float | None:
+        """The quantity in the run itself, or in a companion of its kind, None if that has failed.
+        """
+        if stride == 1 and mesh == self.companions.meshes[0]:
+            return self.companions.values[self.name]
         level = self.companions.level(mesh, stride)
-        return None if level is None else abs(values[self.name] - level.values[self.name])
+        return None if level is None else level.values[self.name]
 
     def _errors(self) -> list[float]:
         """Of the run and its companions on coarser meshes, up to one that has failed."""
         errors = [self.mesh.error]
         for fine, coarse, stride in zip(self.companions.meshes, self.companions.meshes[1:],
-                                        (1, self.companions.coarse_stride)):
-            run = self.companions.level(coarse, stride)
-            apart = None if run is None else self._apart(run.values, fine, stride)
-            if apart is None:
+                                        (1, self.companions.strides.of_coarse_meshes)):
+            values = [self._value(mesh, stride) for mesh in (coarse, fine)]
+            if None in values:
                 break
-            errors.append(errors[-1] + apart)
+            errors.append(errors[-1] + abs(values[0] - values[1]))
         return errors
 
     # ---- kinds -----------------------------------------------------------------------------------
@@ -90,7 +92,7 @@ class Alternatives:
         errors = self._errors()
         meshes = self.companions.meshes[: len(errors)]
         runs = []
-        for mesh, stride in zip(meshes[1:], (1, self.companions.coarse_stride)):
+        for mesh, stride in zip(meshes[1:], (1, self.companions.strides.of_coarse_meshes)):
             runs += self._measured(mesh, stride)
         size, element = self.manifest.parameters[self.knob], self.manifest.element
         self.took[element] = runs
@@ -134,9 +136,9 @@ class Alternatives:
         tells what they make. At least: one of both errs by half of it, and it may be this one.
         """
         companions, name = self.companions, self.name
-        base = companions.level(companions.base, self.stride).values[name]
-        finer = companions.values[name] - companions.level(companions.base, 1).values[name]
-        apart, bound = abs(value - base - finer), own.errors[0]
+        base = companions.base
+        finer = companions.values[name] - self._value(base, 1)
+        apart, bound = abs(value - self._value(base, self.stride) - finer), own.errors[0]
         return max(min(np.inf if error is None else error, apart + bound), apart)
 
     def _refined(self, own: Uniform) -> Adaptive | None:
@@ -202,14 +204,12 @@ class Alternatives:
         if time and self.companions.effects.frictional:
             for stride in (2, 4):
                 if (steps % stride or self.companions.manifest.cycle_start % stride
-                        or self.companions.stride(stride) != stride
-                        or self.companions.misses(stride)):
+                        or self.companions.strides.up_to(stride) != stride
+                        or self.companions.strides.misses(stride)):
                     continue
-                level = self.companions.level(self.companions.base, stride)
-                apart = None if level is None else self._apart(level.values, self.companions.base,
-                                                               1)
-                if apart is not None:
-                    times[steps // stride] = times[steps] + apart
+                values = [self._value(self.companions.base, each) for each in (stride, 1)]
+                if None not in values:
+                    times[steps // stride] = times[steps] + abs(values[0] - values[1])
         others = sum(self.parts[source].error for source in ("friction", "solver")
                      if source in self.parts)
         static, jumps = not self.companions.effects.quasistatic, None

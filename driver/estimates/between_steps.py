@@ -96,6 +96,30 @@ def misses(effects, manifest, motion, stride: int) -> bool:
                                                      for size, _ in moving.values())
 
 
+@dataclass
+class Strides:
+    """Every how many of the steps of a run its companions may take."""
+
+    effects: object
+    manifest: object
+    motion: object | None  # of obstacles, contact.motion.ObstacleMotion of all times
+
+    def up_to(self, wanted: int) -> int:
+        """The largest of 4, 2, 1 up to `wanted` that leaves a step."""
+        return max(stride for stride in (1, 2, 4) if stride <= min(wanted, self.manifest.steps))
+
+    def misses(self, stride: int) -> bool:
+        """Whether every `stride`-th time misses what the history does."""
+        return misses(self.effects, self.manifest, self.motion, stride)
+
+    @property
+    def of_coarse_meshes(self) -> int:
+        """That of the times at which the two coarser meshes are compared: every second one, if
+        histories with friction do not turn in between, whose end depends on the way.
+        """
+        return 1 if self.misses(2) else self.up_to(2)
+
+
 def finer(manifest, least: int, most: int) -> int:
     """Into how many parts steps are to be cut so that they miss nothing noticeable of the loads.
 

@@ -1,4 +1,4 @@
-"""Stage 7: a posteriori estimate of the error in the energy norm, ||v||^2 = int C eps(v) : eps(v).
+"""A posteriori estimate of the error in the energy norm, ||v||^2 = int C eps(v) : eps(v).
 
 What is bounded. u is the solution of one time step in the continuum: elasticity on the meshed
 polygon with the step's loads, supports that move as the P1 function says, gap and normals linear

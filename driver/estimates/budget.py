@@ -184,7 +184,7 @@ def located(part: Part, least: float) -> Part:
     """
     if part.error is None or part.error >= least:
         return part
-    return Part(least, part.order, part.note, part.rate)
+    return dataclasses.replace(part, error=least)
 
 
 def of_one_step(values: dict, open_work: float) -> dict[str, Part]:

@@ -47,7 +47,7 @@ Found on 2,500 claims of shipped scenes, other scenes and random combinations of
 97 of 100 hold.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -186,7 +186,7 @@ class Caution:
         if None in (part.error, way) or not (self.energy and self.touch.nodes):
             return part
         most = self.touch.uncertain(way, self.energy) + shape
-        return Part(min(part.error, most), part.order, part.note, part.rate)
+        return replace(part, error=min(part.error, most))
 
     def _square(self, part: Part, size: float) -> Part:
         """Part of the largest displacement `size`, beside the square of a large error in energy.
@@ -217,7 +217,7 @@ class Caution:
         error = min(part.error, max(part.error / 2, mean))
         told = self._told(part, changes, formal_order("mesh", self.element, LENGTH, self.chords))
         least = max(doubt if told else BETWEEN * doubt, (self.touch.open or {}).get(LENGTH, 0.0))
-        return located(Part(error, part.order, part.note, part.rate), least)
+        return located(replace(part, error=error), least)
 
     def _shear(self, values: dict, changes: list[float], parts: dict) -> Part:
         """Part of the shear force, with what is open of it whatever coarser meshes say."""
@@ -240,7 +240,7 @@ class Caution:
         """
         rough = 1 + STEEP * max(0.0, self.energy - ROUGH)
         error = part.error and part.error * rough * (1.0 if told else self.stiff)
-        return Part(error, part.order, part.note, part.rate)
+        return replace(part, error=error)
 
     def _part(self, name: str, changes: list, ratios: list, value: float, singular: bool,
               most: float) -> Part:
@@ -290,7 +290,7 @@ def _shape(touches: list[Touch], ratios: list[float]) -> float:
 def _enlarged(part: Part, more: float) -> Part:
     """A part, known or not, by `more` larger."""
     error = None if part.error is None else part.error + more
-    return Part(error, part.order, part.note, part.rate)
+    return replace(part, error=error)
 
 
 def _grow(changes: list, ratios: list[float]) -> bool:

@@ -10,10 +10,10 @@ from ..march.step import Step
 from ..options import Settings
 from ..results.record import Record
 from . import caution, jumps, soundness, unresolved
-from .between_steps import finer, misses
+from .between_steps import Strides, finer
 from .budget import (OF_TIME, Part, advice, coarser, extrapolate, formal_order, mesh_knob, name_of,
                      located, of_one_step, ratio, summed)
-from .free_peak import ROUNDING, UNSEEN, Peaks, exceeding
+from .free_peak import Peaks, exceeded
 from .levels import Level, Levels, samples
 from .polygons import stand_for_curves
 
@@ -49,12 +49,13 @@ class Companions:
         error, element = unresolved.energy_error(energy), problem.manifest.element
         self.caution = caution.Caution.of(problem, touch, sizes, error, bool(levels.cycles),
                                   stand_for_curves(problem))
-        last = self.at == problem.manifest.steps - 1
         self.unresolved = unresolved.parts(self.values, error, touch, element, bool(sizes),
-                                           last and unresolved.blind(energy, smoothed))
+                                           unresolved.blind(energy, smoothed, self.at + 1))
         self.begins = lambda name, names: None  # takes the stage that begins, and all of them
         self.levels, self.manifest, self.settings = levels, problem.manifest, settings
         self.effects = problem.effects
+        self.strides = Strides(self.effects, self.manifest,
+                               self.operator.structure.contact.motion_of_all_times)
         self.arrivals = record.arrivals() if "slip" in self.values else 0.0
         self.open_work = record.open_work()
         rows = record.cycles.past.rows if levels.plan else ()
@@ -124,6 +125,8 @@ class Companions:
 
     def _values(self, mesh: dict, stride: int = 1, settings: Settings | None = None) -> dict | None:
         """Quantities of a run on a mesh, None and a note if it fails."""
+        if not mesh and stride == 1 and settings is None:  # the run itself
+            return self.values
         level = self.level(mesh, stride, settings)
         return level and level.values
 
@@ -179,28 +182,12 @@ class Companions:
                     "solver": self._algebraic({}, tight)}
         return {"solver": self._algebraic({}, tight | earned)}
 
-    def stride(self, wanted: int) -> int:
-        """The largest of 4, 2, 1 up to `wanted` that leaves a step."""
-        return max(stride for stride in (1, 2, 4) if stride <= min(wanted, self.manifest.steps))
-
-    @property
-    def coarse_stride(self) -> int:
-        """That of the times at which the two coarser meshes are compared: every second one, if
-        histories with friction do not turn in between, whose end depends on the way.
-        """
-        return 1 if self.misses(2) else self.stride(2)
-
-    def misses(self, stride: int) -> bool:
-        """Whether every `stride`-th time misses what the history does."""
-        motion = self.operator.structure.contact.motion_of_all_times
-        return misses(self.effects, self.manifest, motion, stride)
-
     def _mesh(self) -> dict[str, Part]:
         """Coarser meshes, the coarsest against the middle one, at fewer times; held within what
         adjoint problems leave.
         """
         runs = [(self.values, self._values(self.meshes[1]))] if len(self.meshes) > 1 else []
-        stride = self.coarse_stride
+        stride = self.strides.of_coarse_meshes
         if len(self.meshes) > 2:
             runs.append([self._values(mesh, stride) for mesh in self.meshes[1:]])
         solved = _whole(runs)
@@ -215,32 +202,18 @@ class Companions:
                 for mesh in self.meshes[:len(good) + 1]]
         parts = self.caution.parts(self.values, good, self.ratios, self.singular, touches, lost)
         if good:
-            parts["displacement"] = self._exceeded(parts["displacement"], touches, stride)
+            most = self.caution.order(touches, self.ratios)
+            parts["displacement"] = exceeded(
+                parts["displacement"], self.values["displacement"],
+                self._peaks(len(good), stride) if self.step else [], self.ratios,
+                formal_order("mesh", self.manifest.element, "displacement", most=most))
         parts = unresolved.claimable(parts, self.values, self.caution.touch.nodes > 0)
         return unresolved.known(parts, self.unresolved, self.values, self.caution.touch)
-
-    def _exceeded(self, part: Part, touches: list, stride: int) -> Part:
-        """The `part` of the largest displacement, beside what places that are not it, or not yet,
-        may have on finer meshes; `touches` as of Caution.parts.
-        """
-        value, unseen = self.values["displacement"], False
-        if self.step is not None:
-            peaks = self._peaks(len(touches) - 1, stride)
-            most = self.caution.order(touches, self.ratios)
-            formal = formal_order("mesh", self.manifest.element, "displacement", most=most)
-            part = located(part, exceeding(peaks, self.ratios, formal))
-            unseen = any(each.by_support for pair in peaks for each in pair)
-        if unseen or part.error is not None and part.error <= ROUNDING * value:
-            # that of a support: no mesh tells when a place between the supports moves by more
-            part = located(part, UNSEEN * value)
-        return part
 
     def _peaks(self, pairs: int, stride: int) -> list[tuple[Peaks, Peaks]]:
         """Of the first `pairs` of finer and coarser meshes, finest first."""
         def of(k: int, stride: int) -> Peaks:
-            level = self.level(self.meshes[k], stride)
-            return Peaks.of(level.solver.operator, level.steps[level.at],
-                            level.values["displacement"])
+            return Peaks.of_level(self.level(self.meshes[k], stride))
 
         own = Peaks.of(self.operator, self.step, self.values["displacement"])
         first = of(1, 1)
@@ -270,7 +243,7 @@ class Companions:
         steps = self.manifest.steps
         coarser_by = [by for by in (2, 4) if steps >= MANY or not steps % by]
         if self.effects.frictional and (steps < FEW or not coarser_by
-                                        or self.misses(FEW)):
+                                        or self.strides.misses(FEW)):
             if wanted:
                 return self._more_time()
             self.notes.append(UNLOOKED)
@@ -330,7 +303,7 @@ class Companions:
         contact forces answer to a residual like the condition of their problem, one over the size
         of elements. Resultants that the loads give by balance do neither.
         """
-        loose, stride = dataclasses.replace(self.settings, **first), self.stride(4)
+        loose, stride = dataclasses.replace(self.settings, **first), self.strides.up_to(4)
         scale = stride * (self.ratios[0] if self.base else 1.0)
         before, after = (self._settled(stride, settings)
                          for settings in (loose, dataclasses.replace(loose, **then)))

@@ -1,4 +1,4 @@
-"""Stage 7: estimates of the error in the energy norm for a run's last and most energetic steps.
+"""Estimates of the error in the energy norm for a run's last and most energetic steps.
 
 Of P1 elements it is the bound of `bound`. Of quadratic ones, where an effect of the scene leaves
 no bound (its room says why), or where ESTIMATOR says so, it is the difference between the computed

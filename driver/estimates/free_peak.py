@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .budget import extrapolate
+from .budget import Part, extrapolate, located
 
 ROUNDING = 1e-9  # relative change of a largest displacement that a support prescribes
 # by how much others may exceed it, relative: bulges beside a support; 2.1 found, and 3.9 of a pad
@@ -38,6 +38,11 @@ class Peaks:
         sizes = [np.linalg.norm(u.reshape(-1, 2), axis=1) for u in fields]
         return cls(largest, _supported(operator, sizes), _free(operator, sizes))
 
+    @classmethod
+    def of_level(cls, level) -> "Peaks":
+        """At the step of the quantities of a finished run (levels.py); collective."""
+        return cls.of(level.solver.operator, level.steps[level.at], level.values["displacement"])
+
     @property
     def by_support(self) -> bool:
         """Whether no free place has the largest displacement."""
@@ -50,6 +55,20 @@ class Peaks:
         here = self.free[away <= np.maximum(self.free[:, SIDE], peak[SIDE]), SIZE]
         size = here.max(initial=0.0)
         return float(size) if size > SAME * peak[SIZE] else None
+
+
+def exceeded(part: Part, value: float, pairs: list[tuple[Peaks, Peaks]], ratios: list[float],
+             formal: float) -> Part:
+    """The `part` of the largest displacement `value`, beside what places that are not it, or not
+    yet, may have on finer meshes; `pairs` as of `exceeding`, empty where none is known.
+    """
+    if pairs:
+        part = located(part, exceeding(pairs, ratios, formal))
+    unseen = any(each.by_support for pair in pairs for each in pair)
+    if unseen or part.error is not None and part.error <= ROUNDING * value:
+        # that of a support: no mesh tells when a place between the supports moves by more
+        part = located(part, UNSEEN * value)
+    return part
 
 
 def exceeding(pairs: list[tuple[Peaks, Peaks]], ratios: list[float], formal: float) -> float:

@@ -1,4 +1,4 @@
-"""Stage 7, between two bodies: what a contact pair adds to the bound of the energy norm's error.
+"""What a contact pair adds to the bound of the energy norm's error.
 
 The problem in the continuum. Each part of the first side that faces one edge of the second
 (contact/facing.py; of the displaced sides, if contact is linearized about them) is mapped onto it

@@ -22,6 +22,7 @@ contact pressures err by as much as osc p says, 25 to 50%; P2-mixed has 0.9 to 1
 import numpy as np
 
 from ..scene import elements, kinematics
+from ..text import percent
 from .recovery import vertex_sums
 
 NEARLY_INCOMPRESSIBLE = 10.0  # lambda / mu: Poisson's ratio 0.4545; the loss grows like its root
@@ -48,8 +49,8 @@ def unseen_loads(problem) -> list[str]:
     those of the forces, tell that edges miss or double some of the load, and its order of size.
     """
     return [f"load{number} jumps inside an edge, or is too steep for the mesh: three or five "
-            f"points an edge differ by {100 * part:.1g} % of its forces, and its resultant errs by "
-            "as much or some times that; let it end where a label ends, or take a finer mesh there"
+            f"points an edge differ by {percent(part)} of its forces, and its resultant errs by as "
+            "much or some times that; let it end where a label ends, or take a finer mesh there"
             for number, part in _unseen(problem)]
 
 
@@ -68,7 +69,7 @@ def _unseen(problem) -> list[tuple[int, float]]:
         everywhere = problem.operator.comm.allgather(parts)
         unseen, force = np.sum([part for parts in everywhere for part in parts], axis=0)
         if unseen > UNSEEN * force:
-            found.append((pattern["amplitude"], unseen / force))
+            found.append((pattern["amplitude"], unseen / max(force, unseen)))
     return found
 
 

@@ -1,32 +1,42 @@
 """The mesh's part of the error of a run from others on coarser meshes, as a search makes them."""
 
-from . import adjoint, unresolved
-from .budget import Part
+from . import adjoint, soundness, unresolved
+from .budget import Part, formal_order
 from .caution import Caution
 from .energy import of_level
+from .free_peak import Peaks, exceeded
 from .levels import Level
 from .polygons import stand_for_curves
 from .torn_body import Gather, gather_body
 
 
-def mesh_parts(problem, levels: list[Level], ratios: list[float], name: str,
+def mesh_parts(problems: list, levels: list[Level], ratios: list[float], name: str,
                estimator: str) -> dict[str, Part]:
-    """Part by quantity of the first of `levels`, the run of `problem`; collective.
+    """Part by quantity of the first of `levels`, runs of the `problems`; collective.
 
-    The other levels are of ever coarser meshes, whose elements are `ratios` times as long as those
+    The other ones are of ever coarser meshes, whose elements are `ratios` times as long as those
     before. An adjoint problem holds the quantity `name` alone; `estimator`: of the error in energy.
     """
+    problem, lost = problems[0], [soundness.lost(of) for of in problems]
     finest, touches = levels[0], [level.touch for level in levels]
     values = [level.values for level in levels]
     adjoints, said = adjoint.assess(problem, finest.record, finest.steps[finest.at],
                                     {name: finest.values[name]},
                                     lambda: gather_body(Gather(problem.operator)))
     energy = of_level(problem, finest, estimator)
-    error, last = unresolved.energy_error(energy), finest.at == finest.declared - 1
+    error = unresolved.energy_error(energy)
     caution = Caution.of(problem, touches[0], adjoints, error, polygons=stand_for_curves(problem))
-    found = caution.parts(values[0], unresolved.alike(list(zip(values, values[1:]))), ratios,
-                          finest.singular, touches)
+    good = unresolved.alike(list(zip(values, values[1:])))
+    found = caution.parts(values[0], good, ratios, finest.singular, touches, lost)
+    if good:
+        peaks = [Peaks.of_level(level) for level in levels[:len(good) + 1]]
+        most = caution.order(touches[:len(good) + 1], ratios)
+        found["displacement"] = exceeded(
+            found["displacement"], values[0]["displacement"], list(zip(peaks, peaks[1:])), ratios,
+            formal_order("mesh", problem.manifest.element, "displacement", most=most))
+    # what is asked for goes on from errors of any size
+    found = unresolved.claimable(found, values[0], touches[0].nodes > 0) | {name: found[name]}
     unknown = unresolved.parts(values[0], error, touches[0], problem.manifest.element,
                                bool(adjoints),
-                               last and unresolved.blind(energy, said.get("smoothed")))
+                               unresolved.blind(energy, said.get("smoothed"), finest.at + 1))
     return unresolved.known(found, unknown, values[0], touches[0])

@@ -26,14 +26,18 @@ def energy_error(energy: dict | None) -> float:
         energy or {}, (energy or {}).get("largest", {})) if estimate.get("norm")), default=0.0)
 
 
-def blind(energy: dict | None, smoothed: float | None) -> bool:
+def blind(energy: dict | None, smoothed: float | None, step: int) -> bool:
     """Whether smoothed stresses, of which adjoint problems are made, miss most of the error.
 
-    `energy`: the entry of energy.report, `smoothed` the error of the same step by them; it may be
-    that of no other mesh than one of a few elements, whose stresses are smooth whatever they miss.
+    `energy`: the entry of energy.report, which may know of the `step` of these problems, `smoothed`
+    its error by them; it may be that of no other mesh than one of a few elements, whose stresses
+    are smooth whatever they miss.
     """
-    bounded = energy and energy.get("kind") == "equilibrated" and smoothed is not None
-    return bool(bounded and smoothed < BLIND * energy["mesh"])
+    if not energy or energy.get("kind") != "equilibrated" or smoothed is None:
+        return False
+    bounds = [entry["mesh"] for entry in (energy, energy.get("largest", {}))
+              if entry.get("step") == step and "mesh" in entry]
+    return any(smoothed < BLIND * bound for bound in bounds)
 
 
 def parts(values: dict, error: float, touch: Touch, element: str, adjoint: bool,

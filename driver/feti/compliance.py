@@ -1,4 +1,4 @@
-"""Stage 4, condensed: the dual problem on the contact rows alone, for studies that repeat it.
+"""The dual problem on the contact rows alone, for studies that repeat it.
 
 Gluing multipliers have no bounds. Minimising over them (rows g) leaves, on the contact rows c,
 

@@ -1,4 +1,4 @@
-"""Stage 4, contact part: F_cc, the rows and columns of F that belong to the contact boundary.
+"""F_cc, the rows and columns of F that belong to the contact boundary.
 
 F_cc gives contact displacements under contact forces while the gluing multipliers stay as they are.
 Of F = B_r K_rr^-1 B_r' + A S_cc^-1 A' only subdomains with contact and their corners take part,

@@ -1,4 +1,4 @@
-"""Stage 4, contact part: deflation of slowly varying contact tractions.
+"""Deflation of slowly varying contact tractions.
 
 Preconditioning by subdomains knows nothing of how the body as a whole holds contact tractions that
 vary slowly from corner to corner: M F has about two large eigenvalues per contact corner. Traction

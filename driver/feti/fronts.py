@@ -1,4 +1,4 @@
-"""Stage 4, condensed: gluing rows and corners eliminated from the dual problem by dense fronts.
+"""Gluing rows and corners eliminated from the dual problem by dense fronts.
 
 With the displacements u of the corners as unknowns the dual problem is that of the local matrices,
 

@@ -1,4 +1,4 @@
-"""Stage 3: numbers of corner dofs and rows of B, globally and in every local subdomain.
+"""Numbers of corner dofs and rows of B, globally and in every local subdomain.
 
 Rows are numbered by the subdomain that owns them (the lowest one that has the node), each rank's by
 itself. Every rank knows supports, contact nodes, the outline and the corners as a whole, and of all

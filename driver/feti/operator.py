@@ -1,4 +1,4 @@
-"""Stage 4: the FETI-DP reduction of the torn body, min 1/2 lambda' F lambda - lambda' d.
+"""The FETI-DP reduction of the torn body, min 1/2 lambda' F lambda - lambda' d.
 
 With the space X = X^r + X^c of the slides (corner dofs c primal, all others r torn), constraint
 rows B = [B_r, B_c] and multipliers lambda (forces),
@@ -323,10 +323,9 @@ class DualOperator(DualProblem):
             self._latest = multipliers.copy(), weights.copy(), refined, fields
         return self._latest[-1]
 
-    def displacements(self, multipliers: np.ndarray, weights: np.ndarray,
-                      forces: list | None = None) -> list[np.ndarray]:
-        """The same with the travel: all of u."""
-        return self.with_travel(self.deformations(multipliers, weights, forces), weights)
+    def displacements(self, multipliers: np.ndarray, weights: np.ndarray) -> list[np.ndarray]:
+        """`deformations` with the travel: all of u."""
+        return self.with_travel(self.deformations(multipliers, weights), weights)
 
     def with_travel(self, fields: list[np.ndarray], weights: np.ndarray) -> list[np.ndarray]:
         """`fields` (dofs,) of the local subdomains, moved as supports carry their bodies."""

@@ -1,4 +1,4 @@
-"""Stage 4, local: classes of equal subdomains, each reduced to its rows and corners.
+"""Classes of equal subdomains, each reduced to its rows and corners.
 
 K_rr of a class is factorized once; its dual operator B_r K_rr^-1 B_r' and its coupling A to the
 corners are explicit: in 2D these dense matrices are small and faster than triangular solves.

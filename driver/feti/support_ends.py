@@ -1,4 +1,4 @@
-"""Stage 3: what a vertex does where labels meet that supports hold each in a way of its own.
+"""What a vertex does where labels meet that supports hold each in a way of its own.
 
 Displacements of several numbers on one label are added, as loads are. A vertex of two labels is on
 both, and added up it would move as neither: it moves as one of them. FreeFEM, where one declaration

@@ -1,4 +1,4 @@
-"""Stage 3: which displacements of the whole body supports fix, and by how much."""
+"""Which displacements of the whole body supports fix, and by how much."""
 
 import numpy as np
 

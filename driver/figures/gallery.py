@@ -45,8 +45,10 @@ def compose(name: str, run: Run) -> Figure:
     return canvas(lambda figure: wanted(run)[name](figure, run), 12)
 
 
-def draw_run(directory: Path, kinds: tuple[str, ...] = tuple(KINDS)) -> list[Path]:
-    """Draw all figures of a run directory into its folder ``figures``; returns the files written.
+def draw_run(directory: Path, kinds: tuple[str, ...] = tuple(KINDS),
+             cores: int = processes.CORES) -> list[Path]:
+    """Draw all figures of a run directory into its folder ``figures``, on `cores` at once; returns
+    the files written.
 
     PDFs take as long again as bitmaps: a run leaves them out of `kinds`, `redraw` makes them.
     Figures of an earlier run that this one has nothing to show for are removed. Raises InputError
@@ -60,5 +62,6 @@ def draw_run(directory: Path, kinds: tuple[str, ...] = tuple(KINDS)) -> list[Pat
     for name in set(FIGURES) - set(names):
         for kind in ("png", "pdf"):
             (folder / f"{name}.{kind}").unlink(missing_ok=True)
-    processes.share(lambda name: write(compose(name, run), folder, name, kinds), names)
+    processes.share(lambda name: write(compose(name, run), folder, name, kinds), names,
+                    cores)
     return [folder / f"{name}.{kind}" for name in names for kind in kinds]

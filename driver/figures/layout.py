@@ -8,7 +8,7 @@ from matplotlib.ticker import MaxNLocator
 
 from .reading import Run, contact_boundaries
 from .scales import length_scale
-from .style import INCH, header, place_header
+from .style import INCH, header, lay_out, place_header
 
 PANELS = 6  # contact boundaries that fit in one figure
 NAMED = 5  # of those that do not, so many are named
@@ -32,7 +32,7 @@ def shrink_to_body(figure: Figure, axes) -> None:
 
     Names of axes higher than a flat body take room that only the next layout shows.
     """
-    figure.draw_without_rendering()
+    lay_out(figure)
     place = axes.get_position()
     width, shape = place.width, place.height * figure.get_figheight() / place.width
     slack = axes.get_position(original=True).height - place.height
@@ -41,7 +41,7 @@ def shrink_to_body(figure: Figure, axes) -> None:
     figure.set_layout_engine("compressed")
     for _ in range(LAYOUTS):
         place_header(figure)
-        figure.draw_without_rendering()
+        lay_out(figure)
         missing = width - axes.get_position().width
         if missing < ENOUGH:
             break

@@ -7,12 +7,13 @@ from pathlib import Path
 
 from ..errors import InputError
 from ..files import is_study, is_summary
-from . import (accuracy, animation, bench, curved, effects, hard, locking, saddle, stopping, study,
-               table, verify)
+from . import (accuracy, animation, bench, coverage, curved, effects, hard, locking, prices, saddle,
+               stopping, study, table, verify)
 from .gallery import draw_run
 
 SADDLE = "saddle.json"
 REFERENCES = ("reference", "unchanged", "mutants")  # in results/, which are no runs
+NAMED = {"coverage": coverage.draw, "prices": prices.draw}  # name of a study's table: what draws it
 TABLES = {  # first column of a study's table: what draws it
     "sweep": functools.partial(accuracy.draw, every=True), "element": locking.draw,
     "sides": curved.draw,
@@ -38,7 +39,7 @@ def redraw(directory: Path) -> list[Path]:
     if (directory / SADDLE).is_file():
         paths += saddle.draw(directory)
     if not paths:
-        raise InputError(f"{directory} holds a study without tables to draw: make it again")
+        raise InputError(f"{directory} holds a study without pictures")
     return paths
 
 
@@ -62,5 +63,6 @@ def _tables(directory: Path):
     for path in sorted(directory.glob("*.csv")):
         with open(path, errors="replace") as file:
             first = file.readline().partition(",")[0]
-        if first in TABLES:
-            yield path, TABLES[first]
+        draw = NAMED.get(path.stem) or TABLES.get(first)
+        if draw:
+            yield path, draw

@@ -56,7 +56,7 @@ class FixedPoint:
     """Multipliers that solve the QP with the friction bound of their pressures. Collective."""
 
     def __init__(self, qp: FrictionQP, bodies, slip: SlipState, condensation: Condensation):
-        """`bodies`: FreeBodies of effects/free_bodies.py, or SupportedBodies."""
+        """`bodies`: FreeBodies of free_bodies.py, or SupportedBodies."""
         self.qp, self.bodies, self.slip, self.condensation = qp, bodies, slip, condensation
         self.operator, self.rows = qp.operator, qp.rows
         self.settings, self.history = qp.settings, qp.history

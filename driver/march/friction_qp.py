@@ -1,4 +1,4 @@
-"""Stage 6: the QP with given friction bounds, solved by MPRGP scaled, preconditioned, relaxed."""
+"""The QP with given friction bounds, solved by MPRGP scaled, preconditioned, relaxed."""
 
 import functools
 

@@ -7,7 +7,7 @@ with given friction bound F g, the box-constrained QP
     min 1/2 lambda' F lambda - lambda' d,   lambda_n >= 0,  |lambda_t| <= F g.
 
 Multipliers and g start from those of the previous iteration and the previous step. `friction_qp`
-solves the QP, `fixed_point` finds lambda_n, effects/free_bodies.py moves what no support holds;
+solves the QP, `fixed_point` finds lambda_n, free_bodies.py moves what no support holds;
 `uniqueness` looks whether a step has other solutions.
 """
 
@@ -100,7 +100,7 @@ class QuasistaticSolver:
         """What bodies without support need, imported only where there are such bodies."""
         if not self.operator.modes:
             return SupportedBodies()
-        from ..effects.free_bodies import FreeBodies
+        from .free_bodies import FreeBodies
 
         return FreeBodies(self.operator, self.rows, self.effects, self.scales, self.history)
 

@@ -1,4 +1,4 @@
-"""Stage 5, contact part: the contact problem for given gluing multipliers.
+"""The contact problem for given gluing multipliers.
 
 Among all multipliers with the gluing ones kept, those of the contact rows that minimise the QP's
 functional solve a box problem with F_cc, which costs next to nothing (see contact_block.py). As it

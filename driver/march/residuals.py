@@ -20,7 +20,7 @@ class Residuals:
     """Those of states of one problem. Collective over the operator's communicator."""
 
     def __init__(self, qp: FrictionQP, bodies, slip: SlipState, condensation: Condensation):
-        """`bodies`: FreeBodies of effects/free_bodies.py, or SupportedBodies."""
+        """`bodies`: FreeBodies of free_bodies.py, or SupportedBodies."""
         self.qp, self.bodies, self.slip, self.condensation = qp, bodies, slip, condensation
         self.operator, self.rows, self.scales = qp.operator, qp.rows, qp.scales
         contact = np.ones(self.operator.owned)

@@ -1,6 +1,6 @@
 """Bodies that supports hold and surfaces that do not yield: interfaces with nothing to do.
 
-Those of effects/free_bodies.py and of closure.py.
+Those of free_bodies.py and of closure.py.
 """
 
 import numpy as np

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..contact import shared_labels
-from ..contact.boundary import contact_boundary
+from ..contact.found_nodes import contact_boundary
 from ..contact.corner_pairs import corner_pairs
 from ..effects import Effects
 from ..feti.numbering import number

@@ -1,4 +1,4 @@
-"""Stage 7: the contact boundary as lines for ParaView, a VTU file a step; of pairs the first side.
+"""The contact boundary as lines for ParaView, a VTU file a step; of pairs the first side.
 """
 
 from pathlib import Path

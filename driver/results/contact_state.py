@@ -1,4 +1,4 @@
-"""Stage 7: quantities of the contact nodes in every step, from the ranks' solutions."""
+"""Quantities of the contact nodes in every step, from the ranks' solutions."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Stage 7: fields for ParaView: displacements and stresses of the bodies.
+"""Fields for ParaView: displacements and stresses of the bodies.
 
 A VTU file a step, step 0 being the undeformed bodies, named with its time in fields.pvd; of large
 bodies a PVTU file that names the VTU files of pieces (pieces.py).

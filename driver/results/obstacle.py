@@ -1,4 +1,4 @@
-"""Stage 7: obstacle.csv, the outline of a rigid obstacle that contact follows, where it stands."""
+"""Obstacle.csv, the outline of a rigid obstacle that contact follows, where it stands."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Stage 7: boundary.csv, the edges of the outline, their part in the scene, unit tractions."""
+"""Boundary.csv, the edges of the outline, their part in the scene, unit tractions."""
 
 from pathlib import Path
 

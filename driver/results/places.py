@@ -1,4 +1,4 @@
-"""Stage 7: where a point lies in the bodies: triangle, side or vertex of a subdomain."""
+"""Where a point lies in the bodies: triangle, side or vertex of a subdomain."""
 
 from typing import NamedTuple
 

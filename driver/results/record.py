@@ -1,4 +1,4 @@
-"""Stage 7: the steps of a run at the contact nodes, for its quantities of interest."""
+"""The steps of a run at the contact nodes, for its quantities of interest."""
 
 import numpy as np
 

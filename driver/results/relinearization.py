@@ -1,4 +1,4 @@
-"""Stage 6, between bodies: contact linearized again, about the problem's own solution.
+"""Contact between bodies linearized again, about the problem's own solution.
 
 The distance of two boundaries, the normals and the parts that face each other depend on the
 displacements. The first linearization takes them from the initial geometry. What it neglects is of

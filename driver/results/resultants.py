@@ -1,4 +1,4 @@
-"""Stage 7: resultants of loads, support reactions and contact forces, and their balance."""
+"""Resultants of loads, support reactions and contact forces, and their balance."""
 
 import numpy as np
 

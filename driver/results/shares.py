@@ -1,4 +1,4 @@
-"""Stage 7: which part of a contact node belongs to which label.
+"""Which part of a contact node belongs to which label.
 
 Where labels go on in one another, their common vertex is one contact node, which reports one label
 but carries the dual segments of both: its forces are divided as the lengths of its segment are, so

@@ -1,4 +1,4 @@
-"""Stage 7: what a run leaves step by step: tables of contact, history, convergence; fields.
+"""What a run leaves step by step: tables of contact, history, convergence; fields.
 
 Rank 0 writes the tables, and ranks share the fields. Files go to the run's private directory, which
 the command line renames as a whole, so a result directory that is there is complete.

@@ -23,6 +23,7 @@ from ..estimates.budget import (DOUBTFUL, FORMAL, SINGULAR, Part, extrapolate, f
                                 main_quantity, mesh_knob, name_of, observed_order, of_one_step,
                                 ratio, share, vanishing)
 from ..estimates.caution import FAST, HELD
+from ..estimates.free_peak import ROUNDING, UNSEEN
 from ..estimates.successive import mesh_parts
 from ..estimates.unresolved import at_corners
 from .tolerances import TOLERANCES
@@ -86,8 +87,8 @@ class Search(Trials):
         sizes = self.sizes[:-4:-1]
         levels = [self.level(size) for size in sizes]
         ratios = [ratio(self.knob, b, a) for a, b in zip(sizes, sizes[1:])]
-        problem = self.levels.problem(**self.mesh(sizes[0]))
-        self.parts["mesh"] = mesh_parts(problem, levels, ratios, self.name,
+        problems = [self.levels.problem(**self.mesh(size)) for size in sizes]
+        self.parts["mesh"] = mesh_parts(problems, levels, ratios, self.name,
                                         self.settings.estimator)
         return self.budget()[self.name]
 
@@ -197,6 +198,7 @@ class Search(Trials):
                                  "it grows from mesh to mesh, as at a singular point; "
                                  "ask for another quantity")
             self._refuse_corners(entry)
+            self._refuse_supported(entry)
             size = self._next(entry)
             self.sizes.append(self._made(size, share(entry["total"], entry["value"])))
 
@@ -308,6 +310,18 @@ class Search(Trials):
                 f"or two carry all on any mesh; the last two meshes differ by "
                 f"{share(abs(fine - coarse), fine)}; round the corners, or ask for another "
                 "quantity")
+
+    def _refuse_supported(self, entry: dict) -> None:
+        """Raise NotConverged where a support has the largest displacement on three meshes, and less
+        is asked than what none of them tells.
+        """
+        if self.name != "displacement" or entry["mesh"] is None or len(self.sizes) < 3:
+            return
+        if self.asked < UNSEEN and abs(entry["mesh"] / entry["value"] - UNSEEN) <= ROUNDING:
+            raise NotConverged(
+                f"the largest displacement is that of a support, or of what lies beside it: no mesh "
+                f"tells by how much others may exceed it, which may be {100 * UNSEEN:g} %; ask for "
+                "another quantity")
 
     def _nodes(self, size) -> float:
         """Of the mesh of a size, by those of the last one."""

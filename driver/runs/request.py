@@ -18,6 +18,7 @@ class Request:
     without: tuple[str, ...] = ()  # effects of the scene that are treated as undeclared
     quiet: bool = False  # no progress on the screen
     fields: bool = True  # write the fields for ParaView
+    figures: bool = False  # there will be figures, which may be drawn while errors are estimated
     errors: str = "yes"  # estimates of all errors, "energy": that of the energy norm alone, or "no"
     accuracy: tuple[float, str] | None = None  # relative error to reach, and the quantity
     quantity: str = ""  # whose price the run ends with; by default the first
@@ -33,8 +34,8 @@ class Request:
         """The request of `run` (a runs.run.Run); `parts` are further entries, or other ones."""
         entries = {"scene": run.scene.stem, "script": str(run.scene), "parameters": run.parameters,
                    "settings": run.settings, "without": run.without, "quiet": run.quiet,
-                   "fields": run.fields, "errors": run.errors, "accuracy": run.accuracy,
-                   "quantity": run.quantity}
+                   "fields": run.fields, "figures": run.figures, "errors": run.errors,
+                   "accuracy": run.accuracy, "quantity": run.quantity}
         return cls(**entries | parts)
 
     def write(self, directory: Path) -> None:

@@ -23,7 +23,7 @@ from ..options import RESULTS
 from ..scene import explain, freefem, grammar, seal
 from ..scene.manifest import Manifest
 from ..text import shown
-from . import guard, hosts, launch, watch
+from . import drawing, guard, hosts, launch, watch
 from .request import Request
 from .workspace import Workspace, unconverged
 
@@ -203,8 +203,9 @@ def _complete(run: Run, work: Path, cycles: list[Path], since: float) -> None:
         for cycle in cycles:
             shutil.rmtree(cycle)
     clock = time.perf_counter()
-    if run.figures:
-        _draw(work)
+    drawn = "figures" in json.loads((work / "summary.json").read_text())["seconds"]
+    if run.figures and not drawn:
+        _try(lambda: drawing.draw(work), work)
     if run.animate:
         _animate(work)
     if run.figures or run.animate:
@@ -221,7 +222,7 @@ def _count(work: Path, stage: str, spent: float) -> None:
     """Add the seconds of a stage after the solution to the summary: the user waits for it, too."""
     summary = json.loads((work / "summary.json").read_text())
     total = summary["seconds"].pop("total") + spent
-    summary["seconds"] |= {stage: spent, "total": total}
+    summary["seconds"] |= {stage: summary["seconds"].get(stage, 0.0) + spent, "total": total}
     write_json(work / "summary.json", summary)
 
 
@@ -232,16 +233,6 @@ def _count_rest(work: Path, since: float) -> None:
     """
     stages = json.loads((work / "summary.json").read_text())["seconds"]["total"]
     _count(work, "start", max(0.0, time.perf_counter() - since - stages))
-
-
-def _draw(work: Path) -> None:
-    """The figures, as bitmaps: PDFs take as long again, and `make figures` makes them."""
-    def draw():
-        from ..figures import draw_run
-
-        draw_run(work, ("png",))
-
-    _try(draw, work)
 
 
 def _animate(work: Path) -> None:

@@ -55,16 +55,8 @@ class Tried:
         self.effects, self.knob = search.effects, search.knob
         self.meshes = [search.mesh(size) for size in search.sizes[:-4:-1]]
         self.base, self.values = self.meshes[1], search.values(search.sizes[-1])
-        self.levels.problems[()], self.motion = problem, search.motion
-        self.coarse_stride = self.stride(2)
-
-    def stride(self, wanted: int) -> int:
-        """As of estimates.companions.Companions."""
-        return max(stride for stride in (1, 2, 4) if stride <= min(wanted, self.manifest.steps))
-
-    def misses(self, stride: int) -> bool:
-        """As of estimates.companions.Companions."""
-        return between_steps.misses(self.effects, self.manifest, self.motion, stride)
+        self.levels.problems[()] = problem
+        self.strides = between_steps.Strides(self.effects, self.manifest, search.motion)
 
     def level(self, mesh: dict, stride: int = 1, quiet: bool = True):
         """A run on a mesh at every `stride`-th of the chosen steps, None if it fails."""

@@ -1,5 +1,6 @@
 """The SPMD part of a run: loader, operator, time stepping and results on one communicator."""
 
+import dataclasses
 import time
 import traceback
 from pathlib import Path
@@ -22,6 +23,7 @@ from ..results.relinearization import linearized
 from ..results.writer import Writer
 from ..timing import Laps
 from . import launch
+from .drawing import drawn_aside
 from .request import Request
 from .watch import Progress, Watch
 
@@ -85,17 +87,19 @@ def run(directory: Path, request: Request, comm,
     status, reason = (failure.exit_status, str(failure)) if failure else (0, "")
     writer.close()
 
-    def leave(errors: dict | None, warning: str) -> None:
-        spent = {**seconds, "total": sum(seconds.values())}
-        content = summary.summarize(request, problem, solver, failure, settings, writer,
-                                    summary.largest_memory(comm), spent,
-                                    resumed_after_step=resumed, errors=errors, validity=valid)
-        content.warnings += filter(None, [doubt, warning])
-        summary.write(directory, content, comm)
+    content = summary.summarize(request, problem, solver, failure, settings, writer,
+                                summary.largest_memory(comm), seconds,
+                                resumed_after_step=resumed, validity=valid)
 
-    if comm.size > 1 and _may_fail(request):  # one rank's failure would end them all
-        leave(None, f"{NO_ESTIMATES}: a rank of the solver failed")
-        if comm.rank == 0:
+    def leave(errors: dict | None, warning: str) -> None:
+        said = [*content.warnings, *filter(None, [doubt, warning])]
+        summary.write(directory, dataclasses.replace(
+            content, errors=errors, warnings=said, memory_mib=summary.largest_memory(comm),
+            seconds={**seconds, "total": sum(seconds.values())}), comm)
+
+    if _may_fail(request):  # figures are drawn meanwhile; one rank's failure would end them all
+        leave(None, f"{NO_ESTIMATES}: a rank of the solver failed" if comm.size > 1 else "")
+        if comm.rank == 0 and comm.size > 1:
             launch.write_answer(directory, status, reason)
     leave(*_estimated(directory, request, problem, failure, writer, estimator, lap, idle))
     return status, reason
@@ -248,8 +252,12 @@ def _estimate(errors: dict, directory: Path, request: Request, problem: Problem,
         _next_mesh(directory, estimator, estimates)
     lap("energy_error")
     if request.errors == "yes" and not failure:
-        _budget(errors, directory, request, problem, writer, estimator, lap, idle)
-        lap("estimates")
+        with drawn_aside(directory, request, problem.manifest.nodes,
+                         problem.operator.comm.size) as drawn:
+            _budget(errors, directory, request, problem, writer, estimator, lap, idle)
+            lap("estimates")
+            if drawn():
+                lap("figures")
 
 
 def _next_mesh(directory: Path, estimator: EnergyEstimator, estimates: list) -> None:

@@ -1,4 +1,4 @@
-"""Stage 1: run a scene through FreeFEM, which meshes, assembles and exports its subdomains."""
+"""Run a scene through FreeFEM, which meshes, assembles and exports its subdomains."""
 
 import contextlib
 import subprocess

@@ -30,6 +30,7 @@ AFTER_MACRO = re.compile(r"[ \t]*(?:macro|include|IFMACRO|ENDIFMACRO)\b")
 HIDDEN = re.compile(r'\bNewMacro\s+(\w+)|\S.*?\b(?:macro\s+(\w+)|(include)\s*")')
 DECLARATION = re.compile(r"(?:real|int|bool|string|complex|mesh|matrix|varf|border|fespace|"
                          r"func\s+\w+)(?:\s*\[[^\]]*\])?\s+([^;]*)")
+INCLUDE = r'\s*include\s+"([^"]+)"'
 READS = r"\b(?:physical|whole|choice)\s*\("
 PARAMETER = re.compile(READS + r'\s*"([^"]*)"')
 # strings, which may go on in the next line; of the patterns beside them what the group has stays
@@ -81,17 +82,20 @@ def read(path: Path) -> str:
 
 def sources(scene: Path) -> list[Source]:
     """The scene and what it includes, but for files of the library. Raises InputError."""
-    found, remaining = [], [scene]
+    found, remaining = [], [(scene, ())]
     while remaining:
-        path = remaining.pop(0)
+        path, within = remaining.pop(0)
         blank = BLOCK_COMMENT.sub(lambda part: part[1] or "\n" * part[0].count("\n"), read(path))
         found.append(Source(path, blank.splitlines()))
-        for line in found[-1].lines:
-            include = re.match(r'\s*include\s+"([^"]+)"', line)
+        for number, line in enumerate(found[-1].lines, 1):
+            include = re.match(INCLUDE, line)
             place = include and scene.parent / include[1]
+            if place in (path, *within):
+                raise InputError(f'{path.name} line {number}: include "{include[1]}" leads back to '
+                                 "this file, and FreeFEM would read on without end")
             if (place and place.is_file() and place not in [source.path for source in found]
                     and not (environment.LIBRARY / include[1]).exists()):
-                remaining.append(place)
+                remaining.append((place, (path, *within)))
     return found
 
 

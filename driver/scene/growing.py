@@ -1,4 +1,4 @@
-"""Stage 2 while stage 1 is at work: records are read as soon as FreeFEM has written them."""
+"""Records of an export that are read as soon as FreeFEM, still at work, has written them."""
 
 import dataclasses
 

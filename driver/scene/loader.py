@@ -1,4 +1,4 @@
-"""Stage 2: read the subdomains of an export and refuse what is not sound.
+"""Read the subdomains of an export and refuse what is not sound.
 
 An export is a directory with ``manifest.json``, ``block-<k>.bin`` and the driver's ``seal.json``. A
 block holds the records of a contiguous range of subdomains; those of subdomains that are cut alike

@@ -1,4 +1,4 @@
-"""Stage 2: the manifest of an export, in which a scene says what it declared.
+"""The manifest of an export, in which a scene says what it declared.
 
 It is refused where it was changed since FreeFEM wrote it, and where its words and numbers do not
 fit together.

@@ -22,6 +22,7 @@ OPERATORS = {"and": "&&", "or": "||"}
 # whole numbers alone: what multiplies or divides them before makes another quotient
 WHOLE_QUOTIENT = r"(?<![\w.^*/)\]\s])\s*\b(\d+)\s*/\s*(\d+)(?![\w.])"
 DECLARATION = r"^(?!macro)(?:func )?\w+(?:\[[^\]]*\])? ([^;\n]*)"  # global: type, declarators
+UNITS = r"\bunits\s*\("
 
 
 def text_digest(scene: Path) -> str:
@@ -222,10 +223,8 @@ def _statement_fault(code: str) -> str:
 def check_units(scene: Path, manifest: Manifest) -> None:
     """Refuse names of units that can be none: numbers, a stress for a length. Raises InputError."""
     if reason := units.fault(**manifest.units):
-        line = next((f" line {number}" for source in grammar.sources(scene)
-                     for number, line in enumerate(source.code, 1)
-                     if re.search(r"\bunits\s*\(", line)), "")
-        raise InputError(f'{scene.name}{line}: units: {reason}; such as units("mm", "MPa")')
+        raise InputError(f'{grammar.place(scene, UNITS)}: units: {reason}; such as '
+                         'units("mm", "MPa")')
 
 
 def taken_name(scene: Path, name: str) -> str:
@@ -286,10 +285,10 @@ def check_regions(scene: Path, manifest: Manifest) -> None:
     for _ in macros:  # a macro may call one that asks
         asking |= {name for name, body in macros if asking & set(re.findall(r"\w+", body))}
     for name in sorted(asking & rooms.vocabulary()):
-        line = next((f" line {macro.line}" for source in grammar.sources(scene)
-                     for macro in grammar.definitions(source) if macro.name == name), "")
+        place = next((f"{source.path.name} line {macro.line}" for source in grammar.sources(scene)
+                      for macro in grammar.definitions(source) if macro.name == name), scene.name)
         raise InputError(
-            f"{scene.name}{line}: {name} asks for the region, but all of the mesh is region 0, as "
+            f"{place}: {name} asks for the region, but all of the mesh is region 0, as "
             "FreeFEM makes it; give meshes regions by square(..., region = 1), "
             "Th = change(Th, fregion = 1) or physical surfaces of gmsh")
 
@@ -330,17 +329,22 @@ def changed_by(scene: Path, name: str) -> set[str]:
     return changed | (reached & rooms.vocabulary())
 
 
-def _code(script: Path) -> list[str]:
-    """Lines of a script and of what it includes, but for the library's own files."""
-    lines = []
-    for line in script.read_text(errors="replace").splitlines():
-        include = re.match(r'\s*include\s+"([^"]+)"', line)
-        if not include:
-            lines.append(line)
-        elif include[1] not in OWN_FILES:
-            places = [folder / include[1] for folder in (script.parent, environment.LIBRARY)]
-            lines += [more for place in places if place.is_file() for more in _code(place)]
-    return lines
+def _code(scene: Path) -> list[str]:
+    """Lines of a scene and of what it includes, but for the library's own files: InputError."""
+    grammar.sources(scene)  # no file includes itself
+
+    def lines(path: Path) -> list[str]:
+        found = []
+        for line in path.read_text(errors="replace").splitlines():
+            include = re.match(grammar.INCLUDE, line)
+            if not include:
+                found.append(line)
+            elif include[1] not in OWN_FILES:
+                places = [folder / include[1] for folder in (scene.parent, environment.LIBRARY)]
+                found += [more for place in places if place.is_file() for more in lines(place)]
+        return found
+
+    return lines(scene)
 
 
 def _definitions(text: str) -> tuple[list[tuple[str, str]], list[str]]:

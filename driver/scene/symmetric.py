@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse import coo_matrix, csc_matrix, csr_matrix
 
 
 @dataclass(eq=False)
@@ -59,6 +59,11 @@ class Symmetric:
         entries = self.values[: len(self.columns)]
         return csr_matrix((entries, self.columns, self.row_start), self.shape)
 
+    @cached_property
+    def above(self) -> csc_matrix:
+        """(n, n) what is above the diagonal; it shares the arrays."""
+        return self.below.T
+
     def diagonal(self) -> np.ndarray:
         """(n,) the diagonal."""
         return self.values[len(self.columns) :]
@@ -82,4 +87,4 @@ class Symmetric:
     def __matmul__(self, x: np.ndarray) -> np.ndarray:
         """Times x (n,) or (n, k)."""
         diagonal = self.diagonal() if x.ndim == 1 else self.diagonal()[:, None]
-        return self.below @ x + self.below.T @ x + diagonal * x
+        return self.below @ x + self.above @ x + diagonal * x

@@ -8,23 +8,21 @@ and a picture.
 """
 
 import json
-import os
-import subprocess
-import sys
 import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from .. import environment, files, options
+from .. import files, options
 from ..errors import PARTIAL, InputError, error_of
 from ..runs import guard
+from ..runs.own_process import UNSEEN, run_alone
 from ..scene import freefem
 from ..scene.manifest import QUASISTATIC, Manifest
 from ..scene.rooms import rooms
 from ..text import aligned, change, words
 
 DRIVES = ("traction", "displacement")  # left out one by one where there are several loads
-FIXED = {"figures": "no", "fields": "no", "quiet": "yes", "errors": "no"}
+FIXED = UNSEEN | {"errors": "no"}
 # at the end of the run
 RESPONSE = ("peak_normal", "peak_tangential", "resultant_n", "resultant_t", "contact_length",
             "largest_slip", "dissipated", "max_displacement")
@@ -82,15 +80,10 @@ def run_variant(name: str, without: str, scene: Path, pairs: dict[str, str],
         given["without"] = without
     if without == QUASISTATIC:
         given.pop("steps", None)
-    command = [sys.executable, "-m", "driver", "run",
-               *(f"{key.upper()}={value}" for key, value in given.items())]
-    env = {**os.environ, "PYTHONPATH": environment.python_path()}
-    done = subprocess.run(command, env=env, stdin=subprocess.DEVNULL, capture_output=True,
-                          text=True, check=False)
-    if done.returncode:
-        lines = done.stderr.strip().splitlines() or [f"exit status {done.returncode}"]
-        reason = lines[-1].removeprefix("error: ").split(PARTIAL)[0]
-        return Variant(name, done.returncode, reason)
+    status, answer = run_alone(given)
+    if status:
+        reason = answer.splitlines()[-1].removeprefix("error: ").split(PARTIAL)[0]
+        return Variant(name, status, reason)
     return read_variant(name, out)
 
 

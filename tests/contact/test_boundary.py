@@ -8,14 +8,16 @@ import numpy as np
 import pytest
 
 from driver.contact.beside import beside
-from driver.contact.boundary import ContactBoundary, FoundNodes
+from driver.contact.boundary import ContactBoundary
 from driver.contact.chains import Chains, chains
 from driver.contact.corner_pairs import corner_pairs
 from driver.contact.curve import through
 from driver.contact.following import Following, Outline, Plane
+from driver.contact.found_nodes import FoundNodes
 from driver.contact.joints import appended
 from driver.contact.motion import ObstacleMotion
 from driver.contact.nodes import merge_parts
+from driver.contact.pair_sides import Coupled
 from driver.errors import InputError
 
 # labels and ends of edges by vertices: 6 goes on in 5; 5 has two pieces; 8 turns a corner at 13
@@ -144,10 +146,10 @@ def test_nodes_that_face_nothing_yet_have_rows_of_their_own():
     nodes.family[here], nodes.meeting = 1, [[(8, 9)]]
     covered, none = np.arange(len(here)) % 2 == 0, np.zeros(len(here))
     whole = nodes.weight[here]
-    sides = SimpleNamespace(about=None, periods=None, couple=lambda _, __, normal, *rest: (
-        np.where(covered, 0.5 * whole, 0.0), nodes.length[here], normal, none, none > 0, none > 0,
-        (np.flatnonzero(covered), np.full(covered.sum(), 77), np.full(covered.sum(), -1.0),
-         np.ones(covered.sum(), bool))))
+    sides = SimpleNamespace(about=None, periods=None, couple=lambda _, met, *rest: Coupled(
+        np.where(covered, 0.5 * whole, 0.0), nodes.length[here], met.facing, none, none > 0,
+        none > 0, (np.flatnonzero(covered), np.full(covered.sum(), 77),
+                   np.full(covered.sum(), -1.0), np.ones(covered.sum(), bool))))
     made = FoundNodes(nodes, chains(nodes, skeleton), (np.empty(0, int), np.zeros((0, 1))),
                       np.zeros(len(nodes.gid), bool), False)
     follows = made.boundary(nodes.columns["gap"].copy(), None, sides,
@@ -241,14 +243,15 @@ class Faced:
         self.configuration = configuration
         return self
 
-    def couple(self, pairs, gid, normal, twin, rubs, reach, without, heir):
-        assert pairs == [(8, 9)] and reach == 7.0 and heir is None
-        faces = np.arange(len(gid)) % 2 == 0
+    def couple(self, pairs, nodes, reach, _without):
+        assert pairs == [(8, 9)] and reach == 7.0 and nodes.heir is None
+        faces = np.arange(len(nodes.gid)) % 2 == 0
         weight = np.where(faces, self.nodes.weight[self.here], 0.0)
         node = np.flatnonzero(faces)
-        none = np.zeros(len(gid), bool)
-        return weight, self.nodes.length[self.here], normal, np.full(len(gid), 2.0), none, none, (
-            node, gid[node], np.ones(len(node)), none[node])
+        none = np.zeros(len(faces), bool)
+        return Coupled(weight, self.nodes.length[self.here], nodes.facing,
+                       np.full(len(faces), 2.0), none, none,
+                       (node, nodes.gid[node], np.ones(len(node)), none[node]))
 
 
 @pytest.fixture(name="follower")

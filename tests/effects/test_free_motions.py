@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from driver.contact.kkt import Scales
 from driver.contact.rows import ContactRows
-from driver.effects.free_bodies import LOOSE, FreeBodies, _least, _sum
+from driver.march.free_bodies import LOOSE, FreeBodies, _least, _sum
 from driver.feti import free_motions
 
 

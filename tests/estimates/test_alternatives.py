@@ -24,13 +24,12 @@ class Scene:
         self.meshes = [{}, *({knob: s} for s in sizes[1:])]
         if cycles:
             self.meshes = [{}, *({"cycle": k} for k in reversed(range(cycles)))][:3]
-        self.size, self.cycles, self.coarse_stride = size, ["a folder"] * cycles, 2
+        self.size, self.cycles = size, ["a folder"] * cycles
+        self.strides = SimpleNamespace(of_coarse_meshes=2, up_to=lambda wanted: wanted,
+                                       misses=lambda stride: False)
         self.manifest = SimpleNamespace(parameters={knob: size}, element=element)
         self.values, self.levels, self.spent = {"slip": self.value({}, 1)}, self, {}
         self.asked = []
-
-    def stride(self, wanted):
-        return wanted
 
     def length(self, mesh):
         """Of the elements of a mesh."""

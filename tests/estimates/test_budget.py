@@ -250,13 +250,19 @@ def test_how_few_nodes_tell_nothing(element, fewest):
 
 
 @pytest.mark.parametrize("energy, smoothed, blind", [
-    ({"kind": "equilibrated", "mesh": 1.0}, 0.2, True),
-    ({"kind": "equilibrated", "mesh": 1.0}, 0.3, False),
-    ({"kind": "recovery", "mesh": 1.0}, 0.2, False), ({"reason": "none is made"}, 0.2, False),
-    ({"kind": "equilibrated", "mesh": 1.0}, None, False), (None, 0.2, False)])
+    ({"kind": "equilibrated", "step": 7, "mesh": 1.0}, 0.2, True),
+    ({"kind": "equilibrated", "step": 7, "mesh": 1.0}, 0.3, False),
+    ({"kind": "equilibrated", "step": 9, "mesh": 1.0, "largest": {"step": 7, "mesh": 0.5}}, 0.12,
+     True),
+    ({"kind": "equilibrated", "step": 9, "mesh": 1.0}, 0.2, False),
+    ({"kind": "equilibrated", "step": 7, "reason": "none is made"}, 0.2, False),
+    ({"kind": "recovery", "step": 7, "mesh": 1.0}, 0.2, False), ({}, 0.2, False),
+    ({"kind": "equilibrated", "step": 7, "mesh": 1.0}, None, False), (None, 0.2, False)])
 def test_smoothed_stresses_that_miss_most_of_the_error_leave_no_claims(energy, smoothed, blind):
-    """Of forces neither, though they have adjoint problems, which are made of such stresses."""
-    assert unresolved.blind(energy, smoothed) == blind
+    """Of forces neither, though they have adjoint problems, which are made of such stresses. Known
+    of the step of these problems alone, which a history may have left behind.
+    """
+    assert unresolved.blind(energy, smoothed, 7) == blind
     values = {"displacement": 1.0, "normal_resultant": 3.0, "slip": 0.1}
     found = unresolved.parts(values, 0.3, touching(), "P1", True, blind)
     assert set(found) == ({"normal_resultant", "slip"} if blind else set())

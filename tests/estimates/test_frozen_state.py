@@ -11,6 +11,7 @@ from driver.contact.states import OPEN, SLIP, STICK
 from driver.contact.motion import ObstacleMotion
 from driver.estimates import adjoint, companions, refinement
 from driver.estimates.adjoint import Adjoint
+from driver.estimates.between_steps import Strides
 from driver.estimates.companions import Companions, _whole
 from driver.estimates.levels import Levels, samples
 from driver.feti.rigid_modes import RigidMode
@@ -144,20 +145,18 @@ def test_every_other_time_from_the_last_one_back(steps, start, stride, expected)
 @pytest.mark.parametrize("steps, strides", [(1, [1, 1, 1]), (2, [1, 2, 2]), (3, [1, 2, 2]),
                                             (4, [1, 2, 4])])
 def test_strides_leave_a_step(steps, strides):
-    of = object.__new__(Companions)
-    of.manifest = SimpleNamespace(steps=steps)
-    assert [of.stride(wanted) for wanted in (1, 2, 4)] == strides
+    of = Strides(None, SimpleNamespace(steps=steps), None)
+    assert [of.up_to(wanted) for wanted in (1, 2, 4)] == strides
 
 
 @pytest.mark.parametrize("steps, frictional, expected", [
     (3, True, None), (4, True, [1, 2, 4]), (5, True, None), (6, True, [1, 2]), (8, True, [1, 2, 4]),
     (18, True, [1, 2]), (19, True, None), (21, True, [1, 2, 4]), (5, False, [1, 2])])
-def test_coarser_times_do_not_share_the_first_of_few_steps(
-        monkeypatch, steps, frictional, expected):
+def test_coarser_times_do_not_share_the_first_of_few_steps(steps, frictional, expected):
     """Of five steps every other one, from the last back, would leave the first; then more are made.
     """
-    monkeypatch.setattr(Companions, "misses", lambda *_: False)
     of, strides = object.__new__(Companions), []
+    of.strides = SimpleNamespace(misses=lambda _: False)
     of.effects, of.base = SimpleNamespace(frictional=frictional), {}
     of.manifest = SimpleNamespace(steps=steps, cycle_start=0)
     of._values = lambda mesh, stride: strides.append(stride)
@@ -195,27 +194,22 @@ def test_more_steps_that_agree_by_chance_tell_no_less_than_their_distance(monkey
     (True, [0, 1, 0, 1, 0], 1), (True, [0, 1, 2, 3, 4], 2), (False, [0, 1, 0, 1, 0], 2)])
 def test_coarse_meshes_see_the_turns_of_a_history(frictional, history, stride):
     """Every second time would miss them, and with friction the end depends on the way."""
-    of = object.__new__(Companions)
-    of.effects = SimpleNamespace(frictional=frictional)
-    of.operator = SimpleNamespace(structure=SimpleNamespace(contact=SimpleNamespace(
-        motion_of_all_times=None)))
-    of.manifest = SimpleNamespace(steps=4, t_end=1.0, between={1: history})
-    assert of.coarse_stride == stride
+    manifest = SimpleNamespace(steps=4, t_end=1.0, between={1: history})
+    of = Strides(SimpleNamespace(frictional=frictional), manifest, None)
+    assert of.of_coarse_meshes == stride
 
 
 def test_coarse_meshes_see_the_turns_of_obstacles():
     """Of which loads know nothing."""
-    of, shift = object.__new__(Companions), np.zeros((5, 1, 2))
+    shift = np.zeros((5, 1, 2))
     shift[:, 0, 0] = [0, 1, 1, 1, 1]
     none, still = np.zeros((5, 1)), np.zeros((1, 2))
     motion = ObstacleMotion(np.arange(5.0), none, shift, none, still, still, still)
-    of.effects = SimpleNamespace(frictional=True)
-    of.operator = SimpleNamespace(structure=SimpleNamespace(contact=SimpleNamespace(
-        motion_of_all_times=motion)))
-    of.manifest = SimpleNamespace(steps=4, t_end=4.0, between={})
-    assert of.coarse_stride == 1
+    manifest = SimpleNamespace(steps=4, t_end=4.0, between={})
+    of = Strides(SimpleNamespace(frictional=True), manifest, motion)
+    assert of.of_coarse_meshes == 1
     shift[:, 0, 0] = np.arange(5)
-    assert of.coarse_stride == 2
+    assert of.of_coarse_meshes == 2
 
 
 def test_a_cycle_with_other_steps_has_its_mesh_and_those_steps():
@@ -248,7 +242,7 @@ def test_tighter_companions_tell_what_tolerances_leave():
     """Twice their distance, for every step that they leave out and for the size of their mesh."""
     of = object.__new__(Companions)
     of.settings, of.base, of.ratios = Settings(rtol=1e-6, primal_rtol=1e-5), {"h": 1}, [2.5]
-    of.manifest, asked = SimpleNamespace(steps=3), []
+    of.strides, asked = Strides(None, SimpleNamespace(steps=3), None), []
     of.values, of.given = {"slip": 0.0, "normal_resultant": 0.0}, {"normal_resultant"}
 
     def run(settings, stride, **mesh):

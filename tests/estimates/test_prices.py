@@ -170,7 +170,8 @@ def test_errors_of_other_meshes_are_bounded_by_the_run(value, claimed, error):
         return SimpleNamespace(values={"slip": 1.2 if stride == 1 else 1.3})
 
     kinds = Alternatives.__new__(Alternatives)
-    kinds.companions = SimpleNamespace(level=level, base={"h": 0.2}, values={"slip": 1.0})
+    kinds.companions = SimpleNamespace(level=level, base={"h": 0.2}, meshes=[{}, {"h": 0.2}],
+                                       values={"slip": 1.0})
     kinds.name, kinds.stride = "slip", 4
     own = SimpleNamespace(errors=[0.05])
     assert kinds._within(value + 0.1, claimed, own) == pytest.approx(error)
@@ -187,9 +188,10 @@ def test_fewer_steps_err_by_what_companions_with_them_are_off(steps, start, miss
     kinds.name, kinds.manifest = "slip", SimpleNamespace(steps=steps)
     kinds.parts = {"time": Part(0.5), "friction": Part(0.01), "solver": Part(0.02)}
     kinds.companions = SimpleNamespace(
-        effects=SimpleNamespace(frictional=True, quasistatic=True), base={},
-        manifest=SimpleNamespace(cycle_start=start), stride=lambda wanted: wanted,
-        misses=lambda stride: stride >= missing,
+        effects=SimpleNamespace(frictional=True, quasistatic=True), base={}, meshes=[{}],
+        values={"slip": 1.0}, manifest=SimpleNamespace(cycle_start=start),
+        strides=SimpleNamespace(up_to=lambda wanted: wanted,
+                                misses=lambda stride: stride >= missing),
         level=lambda mesh, stride: SimpleNamespace(values={"slip": 1.0 + 0.1 * (stride - 1)}))
     found = kinds.quantity(1.0)
     assert found.times == pytest.approx({n: 0.5 + 0.1 * (steps // n - 1) for n in counts})

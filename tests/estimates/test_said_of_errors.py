@@ -7,6 +7,7 @@ import pytest
 
 from driver.errors import InputError, NotConverged
 from driver.estimates import alternatives, budget, energy, soundness
+from driver.estimates.between_steps import Strides
 from driver.estimates.bound import Estimate, _root, coupling
 from driver.estimates.budget import Part, mesh_knob
 from driver.estimates.companions import UNLOOKED, Companions
@@ -187,6 +188,7 @@ def companions(fails=(), **more) -> Companions:
     of.settings, of.notes, of.values = Settings(), [], {"slip": 1.01}
     of.base, of.manifest = {"h": 1}, SimpleNamespace(steps=2, element="P1", between={})
     of.knob, of.jumps, of.summed = "h", None, {}
+    of.strides = Strides(None, of.manifest, None)
     vars(of).update(more)
     return of
 
@@ -243,6 +245,16 @@ def test_jumps_half_as_long_tell_what_jumps_leave():
     assert found.error is not None and found.error > 0
     of.summed = {"slip": [3.0, 2.0, 1.5], "dissipated_energy": [0.0, 0.0, 9.0]}
     assert of._jumps()["slip"].error == 9 * 0.5 / (1 - 0.5)  # which the companion does not see
+
+
+def test_the_run_itself_is_not_repeated():
+    """Where its quantities are asked for; in other steps, or with other tolerances, it is run."""
+    of, asked = companions(), []
+    of.levels.run = lambda settings, stride, plan: asked.append(stride) or SimpleNamespace(
+        values={"slip": 2.0})
+    assert of._values({}) == {"slip": 1.01} and not asked
+    assert of._values({}, 2) == of._values({}, 1, Settings(rtol=1e-10)) == {"slip": 2.0}
+    assert asked == [2, 1]
 
 
 def test_where_tolerances_cannot_be_tightened_residuals_stay():
@@ -358,12 +370,13 @@ def test_errors_of_coarser_meshes_add_up_to_one_that_failed():
     of.name, of.mesh = "slip", Part(0.5)
     values = {(2.0, 1): 1.25, (4.0, 2): 2.0, (2.0, 2): 1.5}
 
-    def level(mesh, stride=1, **_):
-        value = values.get((mesh.get("h"), stride)) if mesh else 1.0
+    def level(mesh, stride=1):
+        value = values.get((mesh["h"], stride))  # the run itself is not run again
         return value and SimpleNamespace(values={"slip": value})
 
     of.companions = SimpleNamespace(meshes=[{}, {"h": 2.0}, {"h": 4.0}], level=level,
-                                    coarse_stride=2)
+                                    values={"slip": 1.0},
+                                    strides=SimpleNamespace(of_coarse_meshes=2))
     assert of._errors() == pytest.approx([0.5, 0.75, 1.25])
     del values[4.0, 2]
     assert of._errors() == pytest.approx([0.5, 0.75])

@@ -161,6 +161,8 @@ def test_what_loads_lose_is_some_times_what_quadrature_changes(unseen, lost):
                               manifest=SimpleNamespace(patterns=patterns),
                               operator=SimpleNamespace(comm=MPI.COMM_SELF))
     assert soundness.lost(problem) == pytest.approx(lost)
+    sub.loads[1] = 0.0  # three points miss it, five see some of it: all is lost
+    assert soundness.lost(problem) == pytest.approx(soundness.SOME_TIMES)
 
 
 def test_constants_that_are_called_parts_are_between_none_and_all():

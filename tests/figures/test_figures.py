@@ -180,8 +180,13 @@ def run(plain):
 
 @pytest.fixture(scope="module")
 def drawn(run):
-    """All its figures, laid out once; the tests only look at them."""
-    return {name: figures.compose(name, run) for name in ALL}
+    """All its figures, drawn once, so that their ticks stand where they do in the picture; the
+    tests only look at them.
+    """
+    found = {name: figures.compose(name, run) for name in ALL}
+    for figure in found.values():
+        figure.draw_without_rendering()
+    return found
 
 
 # ---------------------------------------------------------------------------------------- helpers

@@ -14,10 +14,11 @@ from driver.arguments import SHARE
 from driver.contact import equilibrium
 from driver.errors import InputError, NoSolution, NotConverged
 from driver.estimates import successive
+from driver.estimates.between_steps import Strides
 from driver.estimates.budget import SINGULAR, Part, extrapolate, formal_order
 from driver.estimates.levels import Levels
 from driver.options import Settings
-from driver.runs import goal, search, trials, watch
+from driver.runs import goal, trials, watch
 from driver.runs.run import Run, execute
 from driver.runs.tolerances import tightened
 
@@ -286,6 +287,27 @@ def test_contact_at_corners_ends_a_search(monkeypatch, error, sizes, corners, en
         return
     with pytest.raises(NotConverged, match="last two meshes differ by 1.0 %; round the corners"):
         search._refuse_corners({"mesh": error})
+
+
+@pytest.mark.parametrize("asked, error, sizes, ends", [
+    (0.01, 0.05, 3, True), (0.03, 0.05, 3, False), (0.01, 0.04, 3, False), (0.01, None, 3, False),
+    (0.01, 0.05, 2, False)])
+def test_displacements_of_supports_end_a_search(asked, error, sizes, ends):
+    """By up to 2.5 % other places may exceed them, on meshes of any size: 2 of a bulge of 2.05."""
+    search = object.__new__(goal.Search)
+    search.asked, search.name, search.sizes = asked, "displacement", [4.0, 2.0, 1.0][:sizes]
+    if not ends:
+        search._refuse_supported({"mesh": error, "value": 2.0})
+        return
+    with pytest.raises(NotConverged, match="support, or of what lies beside it.*may be 2.5 %"):
+        search._refuse_supported({"mesh": error, "value": 2.0})
+
+
+def test_a_search_claims_what_a_run_claims_of_a_support(solved):
+    """The driven support's own displacement agrees on all meshes; beside it the pad bulges."""
+    run = solved("tutorial", accuracy="5%,displacement", errors="no")
+    assert run.summary["accuracy"]["reached"] == pytest.approx(0.025)
+    assert run.summary["errors"]["quantities"]["displacement"]["relative"] >= 0.025
 
 
 @pytest.mark.parametrize("force, pressure, unnamed, said", [
@@ -557,10 +579,9 @@ def test_steps_end_where_histories_turn(monkeypatch, frictional, history, steps)
     of.follow(SimpleNamespace(manifest=manifest, structure=SimpleNamespace(
         contact=SimpleNamespace(motion_of_all_times=None))))
     assert of.steps == steps
-    tried = object.__new__(search.Tried)  # as its price list sees it, with these steps
-    tried.effects, tried.motion = of.effects, None
-    tried.manifest = dataclasses.replace(of.history, steps=of.steps)
-    assert tried.misses(4) == (frictional and history(2.0) != 2.0)
+    # as its price list sees it, with these steps
+    strides = Strides(of.effects, dataclasses.replace(of.history, steps=of.steps), None)
+    assert strides.misses(4) == (frictional and history(2.0) != 2.0)
 
 
 @dataclasses.dataclass

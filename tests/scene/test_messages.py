@@ -189,6 +189,10 @@ def test_units_that_can_be_none(tmp_path):
         with pytest.raises(InputError, match=words) as refusal:
             script.check_units(path, SimpleNamespace(units={"length": length, "stress": stress}))
         assert place(str(refusal.value)) == line_of("units")
+    (tmp_path / "units.idp").write_text('units("3", "Pa");\n')  # the file that is to be changed
+    path.write_text('include "units.idp"\n')
+    with pytest.raises(InputError, match=r"^units\.idp line 1: units: "):
+        script.check_units(path, SimpleNamespace(units={"length": "3", "stress": "Pa"}))
     for length, stress in (("1", "1"), ("-", "-"), ("a", "E"), ("in", "psi"), ("mm", "N/mm^2")):
         script.check_units(path, SimpleNamespace(units={"length": length, "stress": stress,
                                                         "forces": "all"}))
@@ -205,6 +209,22 @@ def test_files_that_are_no_scene(tmp_path, content, words):
     with pytest.raises(InputError, match=words):
         freefem.export(path, tmp_path / "export", {})
     assert not (tmp_path / "export").exists()
+
+
+@pytest.mark.usefixtures("without_freefem")
+@pytest.mark.parametrize("second", ["first.idp", "second.idp"])
+def test_files_that_include_each_other(tmp_path, second):
+    """Or one itself: FreeFEM reads them until it has no more files."""
+    path = tmp_path / "mine.edp"
+    path.write_text(SCENE.replace('include "scene.idp"',
+                                  'include "scene.idp"\ninclude "first.idp"'))
+    (tmp_path / "first.idp").write_text('include "second.idp"\n')
+    (tmp_path / "second.idp").write_text(f'real k = 1.;\ninclude "{second}"\n')
+    with pytest.raises(InputError, match=f'^second.idp line 2: include "{second}" leads back'):
+        freefem.export(path, tmp_path / "export", {})
+    (tmp_path / "second.idp").write_text("real k = 1.;\n")  # one that two files include
+    path.write_text(path.read_text() + 'include "second.idp"\n')
+    grammar.sources(path)
 
 
 def test_every_shipped_scene_passes():

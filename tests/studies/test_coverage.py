@@ -8,7 +8,8 @@ import pytest
 
 from driver.environment import ROOT
 from driver.errors import InputError
-from driver.figures import coverage as coverage_figure, prices as prices_figure
+from driver.figures import coverage as coverage_figure, prices as prices_figure, redraw
+from driver.files import STUDY
 from driver.studies import docs
 from driver.studies.accuracy import coverage, run_accuracy
 
@@ -85,3 +86,14 @@ def test_a_claim_is_judged_where_its_reference_is_better():
 def test_mistakes():
     with pytest.raises(InputError, match="nowhere"):
         coverage.run_coverage(ROOT, "nowhere")
+
+
+@pytest.mark.parametrize("name", ["coverage", "prices"])
+def test_pictures_of_claims_and_prices_are_drawn_again(tmp_path, name):
+    """`make figures` said that a study of claims had no tables to draw."""
+    folder = tmp_path / name
+    folder.mkdir()
+    (folder / STUDY).touch()
+    shutil.copy(REFERENCE.with_stem(name), folder)
+    assert list(redraw.finished(tmp_path)) == [folder]
+    assert folder / f"{name}.png" in redraw.redraw(folder)

@@ -9,20 +9,16 @@ is divided by that of the best. Times are user seconds of whole processes, as us
 which other work on the machine changes little. The aim: at most three times as long.
 """
 
-import json
 import math
-import os
 import resource
-import subprocess
-import sys
 import tempfile
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from statistics import median
 
-from ... import environment
 from ...estimates.budget import mesh_knob
+from ...runs.own_process import UNSEEN, run_alone
 from ...text import assignments, percent, words
 from . import coverage
 from .coverage import Case
@@ -118,18 +114,10 @@ def _asked(case: Case, name: str, asked: float, reference: float, out: Path) -> 
 def _process(case: Case, options: dict, out: Path) -> tuple[float, int, dict | str]:
     """User seconds of a run as a user starts it, its status, its summary or why there is none."""
     with tempfile.TemporaryDirectory(prefix=".run.", dir=out) as folder:
-        place = Path(folder) / "run"
-        given = [f"{key.upper()}={value}" for key, value in
-                 (case.common | options | {"scene": case.scene, "out": place}).items()]
         begun = user_seconds()
-        done = environment.run_child(
-            [sys.executable, "-m", "driver", "run", *given, "FIGURES=no", "FIELDS=no", "QUIET=yes"],
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-            env={**os.environ, "PYTHONPATH": environment.python_path()})
-        spent = user_seconds() - begun
-        if done.returncode:
-            return spent, done.returncode, done.stderr.strip()
-        return spent, 0, json.loads((place / "summary.json").read_text())
+        status, answer = run_alone(case.common | options | UNSEEN | {
+            "scene": case.scene, "out": Path(folder) / "run"})
+        return user_seconds() - begun, status, answer
 
 
 def best_of(picks: list[Pick], name: str, asked: float, reference: float) -> tuple:

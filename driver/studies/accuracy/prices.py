@@ -6,15 +6,11 @@ error, against references as in `coverage`, with the accuracy that the line is f
 seconds within a factor of two, and 95 of 100 accuracies met.
 """
 
-import json
 import math
-import os
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
-from ... import environment
+from ...runs.own_process import UNSEEN, run_alone
 from ...text import assignments, percent, words
 from . import coverage
 from .coverage import Case
@@ -87,16 +83,11 @@ def judge(case: Case, out: Path) -> list[dict]:
 def _run(options: dict, out: Path) -> dict:
     """Summary of a run by itself, as a user starts it; empty if it failed."""
     with tempfile.TemporaryDirectory(prefix=".run.", dir=out) as folder:
-        place = Path(folder) / "run"
-        words = [f"{name.upper()}={value}" for name, value in options.items()]
-        done = environment.run_child(
-            [sys.executable, "-m", "driver", "run", *words, f"OUT={place}", "FIGURES=no",
-             "FIELDS=no", "QUIET=yes"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-            env={**os.environ, "PYTHONPATH": environment.python_path()})
-        if done.returncode:
-            print(f"  {' '.join(words)}: {done.stderr.strip()}", flush=True)
-            return {}
-        return json.loads((place / "summary.json").read_text())
+        status, answer = run_alone(options | UNSEEN | {"out": Path(folder) / "run"})
+    if status:
+        print(f"  {assignments(options)}: {answer}", flush=True)
+        return {}
+    return answer
 
 
 def _verdict(line: dict, summary: dict, name: str, reference: float, uncertainty: float) -> dict:

@@ -27,7 +27,7 @@ LOOSE = "nothing that touches or sticks holds a rigid motion of a body without s
 
 
 class FreeBodies:
-    """Rigid motions of the bodies that no support holds; march/supported.py has the same interface.
+    """Rigid motions of the bodies that no support holds; supported.py has the same interface.
 
     Collective.
     """
