@@ -7,7 +7,8 @@ back; ratcheting, in which every cycle carries it on by as much. Where surfaces 
 long as anything slides, the worn depth at last grows by as much in every cycle.
 
 What cycles to come would still change is the sum of the geometric series that the last changes
-begin.
+begin. That takes three of them: from the first one, of the cycle after the loads were put on, to
+the next they fall by a lot, and go on as slowly as surfaces wear or friction changes with slip.
 """
 
 import re
@@ -127,8 +128,8 @@ def _of_forces(past: Past, forces: dict, largest, rounded: float) -> tuple[float
     change, last = change / size if size > 0 else 0.0, past.rows[-1]["change"]
     if change <= rounded:
         remaining = change
-    elif len(past.rows) > 1 and not any(past.plan[-2:]) and last > 0:
-        remaining = min(1.0, geometric(change, change / last))
+    elif len(past.rows) > 2 and not any(past.plan[-3:]) and last > 0:
+        remaining = min(1.0, geometric(change, max(change / last, last / past.rows[-2]["change"])))
     return change, remaining
 
 

@@ -24,13 +24,17 @@ def less_wear(states: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     return states | {ContactField.U_N: states[ContactField.U_N] - states[WEAR]}
 
 
+def of_axis(b) -> np.ndarray:
+    """(n_c,) which nodes of a ContactBoundary `b` are on the axis of a revolution."""
+    return b.axisymmetric & (b.xy[:, 0] <= AXIS * np.abs(b.xy).max(initial=0.0))
+
+
 def without_row(b) -> np.ndarray:
     """(n_c,) which nodes of a ContactBoundary `b` have no tangential row, as a support holds them.
 
     Those on the axis of a revolution do not count, which has no circumference to rub.
     """
-    alone = b.tangential_row < 0
-    return alone & (b.xy[:, 0] > AXIS * np.abs(b.xy).max(initial=0.0)) if b.axisymmetric else alone
+    return (b.tangential_row < 0) & ~of_axis(b)
 
 
 def held_along(b, constrained: np.ndarray) -> np.ndarray:
@@ -111,10 +115,12 @@ class ContactState:
 
         What a node slides by that supports hold along the boundary, together with what it meets, is
         what they move each by. A multiplier of the node acts on free nodes beside it as well, which
-        are at other places.
+        are at other places. On the axis of a revolution nothing slides, and what is beside it does
+        not count either.
         """
         b = self.boundary
         value, guided = np.tile(b.term_value, (2, 1)).T, b.paired & b.guided
+        value[(of_axis(b) & (np.abs(b.normal[:, 0]) < ACROSS))[b.term_node], 0] = 0.0
         guided &= held_along(b, self.constrained)
         if not guided.any():
             return value

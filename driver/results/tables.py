@@ -125,7 +125,7 @@ CYCLES = (
            "before, after a jump the mean one of the cycles jumped over and this one, over the "
            "largest contact force; 1 in the first cycle"),
     Column("remaining", "1", "what cycles to come will change it by, as a geometric series; at "
-           "most 1, which also stands where three cycles do not tell"),
+           "most 1, which also stands where four cycles do not tell"),
     Column("slip", "length", "longest way that a node slides in the cycle"),
     Column("drift", "length", "largest change of a node's u_t over the cycle"),
     Column("wear", "length", "largest growth of the worn depth"),

@@ -121,6 +121,20 @@ macro load1() pressure(13, p) + pressure(12, p) + pressure(2, p) //
     assert run.summary["quantities"]["contact_length"] == pytest.approx(length, rel=1e-9)
 
 
+def test_nothing_slides_on_the_axis(solved, scene):
+    """Two bodies that stick, the lower one held: also the vertex on the axis, whose condition
+    is a mean over what is beside it, where the other body has a vertex."""
+    held = TWO.replace("on(1, u2 = 0.)", "on(1, u1 = 0., u2 = 0.)")
+    run = solved(scene(held.replace("11, 3 //", "3, 11 //") + """
+macro load1() pressure(13, p) //
+macro friction() 5. //
+"""), **TIGHT)
+    axis = run.contact["x"] == 0
+    assert axis.sum() == 1 and (run.contact["status"] == "stick").all()
+    np.testing.assert_allclose(run.contact["u_t"], 0.0, atol=1e-9 * 3.0 / E)
+    np.testing.assert_allclose(run.contact["slip"], 0.0, atol=1e-9 * 3.0 / E)
+
+
 # ------------------------------------------------------------------------------ closed forms
 
 def radial(run, label: int) -> float:

@@ -159,11 +159,15 @@ def test_cycles_as_many_as_asked_for(solved, named_scene, words, cycles):
 
 
 @pytest.mark.parametrize("changes, plan, remaining", [
-    ([], [], 1.0), ([1.0], [0], 1.0), ([1.0, 0.2], [0, 0], 0.1), ([1.0, 0.2], [0, 3], 1.0),
-    ([1.0, 0.2], [3, 0], 1.0), ([1.0, 0.1], [0, 0], 1.0)])
-def test_what_is_to_come_is_told_from_two_changes_without_a_jump(changes, plan, remaining):
-    """The last is 0.1: with 0.2 before it what follows is 0.1 again, a geometric series; of changes
-    that do not get smaller, or of a single one, nothing is known. After a jump it is the mean one.
+    ([], [], 1.0), ([1.0], [0], 1.0), ([1.0, 0.2], [0, 0], 1.0),
+    ([1.0, 0.4, 0.2], [0, 0, 0], 0.1), ([1.0, 20.0, 0.2], [0, 0, 0], 0.1),
+    ([1.0, 0.25, 0.2], [0, 0, 0], 0.4), ([1.0, 8.0, 0.1], [0, 0, 0], 1.0),
+    ([1.0, 0.4, 0.2], [0, 0, 3], 1.0), ([1.0, 0.4, 0.2], [0, 3, 0], 1.0),
+    ([1.0, 0.4, 0.2], [3, 0, 0], 1.0)])
+def test_what_is_to_come_is_told_from_three_changes_without_a_jump(changes, plan, remaining):
+    """The last is 0.1: with 0.2 before it what follows is 0.1 again, a geometric series, and more
+    if the one before that had fallen by less. Of changes that do not get smaller nothing is known,
+    nor of two: the first fall is that of a transient. After a jump it is the mean one.
     """
     row = {"slip": 1.0, "drift": 0.0}
     past = Past(len(changes) + 1, plan, [row | {"change": change} for change in changes],

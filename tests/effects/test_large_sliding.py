@@ -377,6 +377,43 @@ def test_a_curve_goes_over_ridges_that_end_between_lines_of_its_grid(exported, s
         assert np.linalg.norm(ends - corner, axis=1).min() < 2e-4
 
 
+def test_a_curve_has_bumps_between_the_lines_of_a_coarse_grid(exported, scene):
+    """Bumps of 0.6 by 0.01 every 31.2 on a grid of 1.7, which sides of 0.2 find with three nodes.
+
+    Wherever the grid lies, most of them are off its lines and off the middles between these.
+    """
+    bumps = ("func real bump(real s) { real r = s - 31.2*rint(s/31.2);\n"
+             "  return (abs(r) < 0.3 ? (1. + cos(pi*r/0.3))/2 : 0.); }\n"
+             "macro obstacle(x, y) ((y) + 2. - 0.01*bump((x))) //")
+    pieces = np.array(read_manifest(exported(
+        scene(INCLINE, ("OBSTACLE", bumps)), way=200, h=0.2)).rooms["large_sliding"]["curve"])
+    ends = np.vstack([pieces[:, :2], pieces[:, 2:4]])
+    away = ends[:, 0] - 31.2 * np.round(ends[:, 0] / 31.2)
+    height = np.where(np.abs(away) < 0.3, 0.005 * (1 + np.cos(np.pi * away / 0.3)), 0)
+    np.testing.assert_allclose(ends[:, 1], height - 2, atol=1e-12)
+    met = np.unique(np.round(ends[height > 0.009, 0] / 31.2))
+    np.testing.assert_array_equal(met, np.arange(-6, 7))
+
+
+def test_the_reach_is_around_a_rectangle_that_is_turned(exported, scene):
+    """Turned by 150 degrees the bottom of a rectangle lies along its obstacle from end to end."""
+    turned = """include "scene.idp"
+rectangle(1., 3., 1., 2.);
+rotate(150.);
+macro young() 1. //
+macro poisson() 0.3 //
+macro support() on(3, u1 = 0., u2 = 0.) //
+macro contact() 1 //
+macro largeSliding() 0.1 //
+macro obstacle(x, y) ((y)*cos(5*pi/6) - (x)*sin(5*pi/6) - 0.99) //
+include "export.idp"
+"""
+    pieces = np.array(read_manifest(exported(scene(turned))).rooms["large_sliding"]["curve"])
+    ends = np.vstack([pieces[:, :2], pieces[:, 2:4]])
+    along = ends @ [np.cos(5 * np.pi / 6), np.sin(5 * np.pi / 6)]
+    assert along.min() < 1 and along.max() > 3
+
+
 def test_places_on_a_curve_are_at_no_distance_from_it():
     """On its one segment the cubic with its slopes, beyond either end a parabola that goes on with
     slope and mean curvature; normals are across the curve.

@@ -48,12 +48,17 @@ def test_steps_that_are_said_to_follow_better_halve_what_is_missed(history, step
     assert not offered or sum(missed[1:]) <= missed[0] / 2
 
 
-@pytest.mark.parametrize("sampling, between", [(1, 16), (4, 4), (32, 0)])
-def test_a_history_is_looked_at_so_often_in_a_step_of_the_scene(exported, sampling, between):
-    """By runs of a finer history as well: what they see themselves is not written once more."""
-    found = read_manifest(exported(loading="nonmonotone", cells=1, steps=5, sampling=sampling))
-    assert found.steps == 5 * sampling
-    assert {len(history) for history in found.amplitudes.values()} == {5 * sampling + 1}
+@pytest.mark.parametrize("steps, sampling, between", [
+    (5, 1, 16), (5, 4, 4), (5, 32, 0), (250, 1, 8), (2000, 1, 4)])
+def test_a_history_is_looked_at_so_often_in_a_step_of_the_scene(exported, steps, sampling,
+                                                                between):
+    """By runs of a finer history as well: what they see themselves is not written once more.
+
+    In one of many steps less often, but so that half of it can be told to follow better.
+    """
+    found = read_manifest(exported(loading="nonmonotone", cells=1, steps=steps, sampling=sampling))
+    assert found.steps == steps * sampling
+    assert {len(history) for history in found.amplitudes.values()} == {found.steps + 1}
     finer = {len(history) for history in found.between.values()}
     assert finer == ({between * found.steps + 1} if between else set())
 
