@@ -125,11 +125,12 @@ def _of_forces(past: Past, forces: dict, largest, rounded: float) -> tuple[float
     size, remaining = largest(*forces.values()), 1.0
     cycles = 1 + (past.plan[-1] if past.plan else 0)
     change = largest(*(forces[name] - past.before[name] for name in forces)) / cycles
-    change, last = change / size if size > 0 else 0.0, past.rows[-1]["change"]
+    change = change / size if size > 0 else 0.0
+    *_, before, last = 0.0, 0.0, *(row["change"] for row in past.rows[1:])  # 1 in the first
     if change <= rounded:
         remaining = change
-    elif len(past.rows) > 2 and not any(past.plan[-3:]) and last > 0:
-        remaining = min(1.0, geometric(change, max(change / last, last / past.rows[-2]["change"])))
+    elif min(before, last) > 0 and not any(past.plan[-3:]):
+        remaining = min(1.0, geometric(change, max(change / last, last / before)))
     return change, remaining
 
 

@@ -1,4 +1,4 @@
-"""Boundaries.csv, what every contact boundary carries in every step.
+"""boundaries.csv, what every contact boundary carries in every step.
 
 A boundary is a label that carries contact nodes; of a pair it is the first label, and the force is
 that on its body. Where labels go on in one another see shares.py. Peak, length and slip are located

@@ -1,5 +1,4 @@
-"""The contact boundary as lines for ParaView, a VTU file a step; of pairs the first side.
-"""
+"""The contact boundary as lines for ParaView, a VTU file a step; of pairs the first side."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Obstacle.csv, the outline of a rigid obstacle that contact follows, where it stands."""
+"""obstacle.csv, the outline of a rigid obstacle that contact follows, where it stands."""
 
 from pathlib import Path
 

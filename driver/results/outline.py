@@ -1,4 +1,4 @@
-"""Boundary.csv, the edges of the outline, their part in the scene, unit tractions."""
+"""boundary.csv, the edges of the outline, their part in the scene, unit tractions."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Probes.csv, displacements and forces where a scene asks for them.
+"""probes.csv, displacements and forces where a scene asks for them.
 
 A label's displacement is the mean over its edges, of bodies of revolution over the surface; its
 force is what acts on the body through it: tractions, support reactions, springs, point loads,

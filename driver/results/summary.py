@@ -1,4 +1,4 @@
-"""Summary.json, what a run was asked for, what came of it and what it cost.
+"""summary.json, what a run was asked for, what came of it and what it cost.
 
 The entries are the fields of `Summary`, in their order; each carries its unit and meaning, from
 which the reference follows. Entries that a run has not (None) are left out.
