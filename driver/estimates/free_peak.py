@@ -34,6 +34,7 @@ class Peaks:
     @classmethod
     def of(cls, operator, step, largest: float) -> "Peaks":
         """At the end of `step`. Collective over the ranks of `operator`."""
+        operator.follow(step)
         fields = operator.displacements(step.multipliers, step.weights)
         sizes = [np.linalg.norm(u.reshape(-1, 2), axis=1) for u in fields]
         return cls(largest, _supported(operator, sizes), _free(operator, sizes))

@@ -17,20 +17,22 @@ def mesh_parts(problems: list, levels: list[Level], ratios: list[float], name: s
     The other ones are of ever coarser meshes, whose elements are `ratios` times as long as those
     before. An adjoint problem holds the quantity `name` alone; `estimator`: of the error in energy.
     """
-    problem, lost = problems[0], [soundness.lost(of) for of in problems]
-    finest, touches = levels[0], [level.touch for level in levels]
+    problem, finest = problems[0], levels[0]
     values = [level.values for level in levels]
+    good = unresolved.alike(list(zip(values, values[1:])))
+    alike = len(good) + 1
+    touches = [level.touch for level in levels[:alike]]
+    lost = [soundness.lost(of) for of in problems[:alike]]
     adjoints, said = adjoint.assess(problem, finest.record, finest.steps[finest.at],
                                     {name: finest.values[name]},
                                     lambda: gather_body(Gather(problem.operator)))
     energy = of_level(problem, finest, estimator)
     error = unresolved.energy_error(energy)
     caution = Caution.of(problem, touches[0], adjoints, error, polygons=stand_for_curves(problem))
-    good = unresolved.alike(list(zip(values, values[1:])))
     found = caution.parts(values[0], good, ratios, finest.singular, touches, lost)
     if good:
-        peaks = [Peaks.of_level(level) for level in levels[:len(good) + 1]]
-        most = caution.order(touches[:len(good) + 1], ratios)
+        peaks = [Peaks.of_level(level) for level in levels[:alike]]
+        most = caution.order(touches, ratios)
         found["displacement"] = exceeded(
             found["displacement"], values[0]["displacement"], list(zip(peaks, peaks[1:])), ratios,
             formal_order("mesh", problem.manifest.element, "displacement", most=most))

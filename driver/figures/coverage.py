@@ -16,8 +16,10 @@ LEAST = 1e-6  # smaller true errors are drawn there
 
 
 def draw(table: Path) -> list[Path]:
-    """Draw coverage.csv; returns the files written."""
+    """Draw coverage.csv; returns the files written, none where no claim is judged."""
     columns = read_table(table)
+    if not (columns["judged"] == "yes").any():
+        return []
     return write(canvas(lambda figure: _fill(figure, columns), 12), table.parent, "coverage")
 
 

@@ -312,16 +312,16 @@ class Search(Trials):
                 "quantity")
 
     def _refuse_supported(self, entry: dict) -> None:
-        """Raise NotConverged where a support has the largest displacement on three meshes, and less
-        is asked than what none of them tells.
+        """Raise NotConverged where a support has the largest displacement on three meshes, and none
+        of them tells as much as is asked.
         """
         if self.name != "displacement" or entry["mesh"] is None or len(self.sizes) < 3:
             return
-        if self.asked < UNSEEN and abs(entry["mesh"] / entry["value"] - UNSEEN) <= ROUNDING:
+        if abs(entry["mesh"] / entry["value"] - UNSEEN) <= ROUNDING:
             raise NotConverged(
                 "the largest displacement is that of a support, or of what lies beside it: no mesh "
-                f"tells by how much others may exceed it, which may be {100 * UNSEEN:g} %; ask for "
-                "another quantity")
+                f"tells by how much others may exceed it, which may be {100 * UNSEEN:g} %; "
+                f"reached: {share(entry['total'], entry['value'])}; ask for another quantity")
 
     def _nodes(self, size) -> float:
         """Of the mesh of a size, by those of the last one."""

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from .. import environment
 
-UNSEEN = {"figures": "no", "fields": "no", "quiet": "yes"}  # options of runs of studies
+BARE = {"figures": "no", "fields": "no", "quiet": "yes"}  # options of runs of studies
 
 
 def run_alone(pairs: dict) -> tuple[int, dict | str]:

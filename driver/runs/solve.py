@@ -98,7 +98,8 @@ def run(directory: Path, request: Request, comm,
             seconds={**seconds, "total": sum(seconds.values())}), comm)
 
     if _may_fail(request):  # figures are drawn meanwhile; one rank's failure would end them all
-        leave(None, f"{NO_ESTIMATES}: a rank of the solver failed" if comm.size > 1 else "")
+        leave(None, f"{NO_ESTIMATES}: " + ("a rank of the solver failed" if comm.size > 1 else
+                                           "they did not come to their end"))
         if comm.rank == 0 and comm.size > 1:
             launch.write_answer(directory, status, reason)
     leave(*_estimated(directory, request, problem, failure, writer, estimator, lap, idle))

@@ -85,8 +85,7 @@ def sources(scene: Path) -> list[Source]:
     found, remaining = [], [(scene, ())]
     while remaining:
         path, within = remaining.pop(0)
-        blank = BLOCK_COMMENT.sub(lambda part: part[1] or "\n" * part[0].count("\n"), read(path))
-        found.append(Source(path, blank.splitlines()))
+        found.append(Source(path, without_blocks(read(path)).splitlines()))
         for number, line in enumerate(found[-1].lines, 1):
             include = re.match(INCLUDE, line)
             place = include and scene.parent / include[1]
@@ -97,6 +96,11 @@ def sources(scene: Path) -> list[Source]:
                     and not (environment.LIBRARY / include[1]).exists()):
                 remaining.append((place, (path, *within)))
     return found
+
+
+def without_blocks(code: str) -> str:
+    """FreeFEM code with empty lines in place of /* comments */."""
+    return BLOCK_COMMENT.sub(lambda part: part[1] or "\n" * part[0].count("\n"), code)
 
 
 def without_texts(code: str) -> str:

@@ -333,18 +333,19 @@ def _code(scene: Path) -> list[str]:
     """Lines of a scene and of what it includes, but for the library's own files: InputError."""
     grammar.sources(scene)  # no file includes itself
 
-    def lines(path: Path) -> list[str]:
+    def lines(path: Path, within: tuple) -> list[str]:
         found = []
-        for line in path.read_text(errors="replace").splitlines():
+        for line in grammar.without_blocks(grammar.read(path)).splitlines():
             include = re.match(grammar.INCLUDE, line)
             if not include:
                 found.append(line)
             elif include[1] not in OWN_FILES:
                 places = [folder / include[1] for folder in (scene.parent, environment.LIBRARY)]
-                found += [more for place in places if place.is_file() for more in lines(place)]
+                found += [more for place in places if place.is_file() and place not in within
+                          for more in lines(place, (*within, place))]
         return found
 
-    return lines(scene)
+    return lines(scene, (scene,))
 
 
 def _definitions(text: str) -> tuple[list[tuple[str, str]], list[str]]:

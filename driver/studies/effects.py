@@ -15,14 +15,14 @@ from pathlib import Path
 from .. import files, options
 from ..errors import PARTIAL, InputError, error_of
 from ..runs import guard
-from ..runs.own_process import UNSEEN, run_alone
+from ..runs.own_process import BARE, run_alone
 from ..scene import freefem
 from ..scene.manifest import QUASISTATIC, Manifest
 from ..scene.rooms import rooms
 from ..text import aligned, change, words
 
 DRIVES = ("traction", "displacement")  # left out one by one where there are several loads
-FIXED = UNSEEN | {"errors": "no"}
+FIXED = BARE | {"errors": "no"}
 # at the end of the run
 RESPONSE = ("peak_normal", "peak_tangential", "resultant_n", "resultant_t", "contact_length",
             "largest_slip", "dissipated", "max_displacement")

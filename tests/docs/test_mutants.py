@@ -25,11 +25,15 @@ def names_in(file: str) -> set[str]:
     return set(re.findall(r"^def (test_\w+)", (ROOT / file).read_text(), re.MULTILINE))
 
 
+# where files that have moved since stood when the table's lines were drawn from the packages
+DRAWN_FROM = {"driver/march/free_bodies.py": "driver/effects/free_bodies.py"}
+
+
 def test_the_reference_table_meets_the_aim():
     """Of at least 300, of all packages alike; what is noticed is so by a test that is there."""
     rows = table()
     assert len(rows) >= 300
-    packages = [mutations.package(row["file"]) for row in rows]
+    packages = [mutations.package(DRAWN_FROM.get(row["file"], row["file"])) for row in rows]
     counts = {name: packages.count(name) for name in mutations.PACKAGES}
     assert max(counts.values()) - min(counts.values()) <= 3
     assert sum(row["outcome"] == "survived" for row in rows) <= AIM * len(rows)

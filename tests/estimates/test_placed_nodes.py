@@ -58,7 +58,7 @@ def body_of(parts: list[dict], placed=(), held=()):
     contact = SimpleNamespace(declared=SimpleNamespace(term_gid=np.array(placed, int)))
     fixed = [np.flatnonzero(np.isin(sub.node_gid, held).repeat(2)) for sub in subs]
     structure = SimpleNamespace(contact=contact, subdomains=subs, fixed=fixed)
-    return SimpleNamespace(structure=structure, comm=MPI.COMM_SELF,
+    return SimpleNamespace(structure=structure, follow=lambda step: None, comm=MPI.COMM_SELF,
                            displacements=lambda *_: fields)
 
 

@@ -133,12 +133,15 @@ load "bfstream"
 include "scene.idp"
 int rigidLabels = 0;
 bool builtDirectly = true;
+int cellsX = 1, cellsY = 1;
 int[int] contactLabels(1);
 real[int] bound(4);
+macro libTurn(Th) //
 macro largeSliding() 1. //
 macro obstacle(x, y) {phi} //
 include "effects/large_sliding.idp"
 bound = [{box}];
+slidingShortest = 0.05;
 slidingTrace(bound);
 cout.precision(15);
 for (int k = 0; k < slidingSegments; ++k) {{

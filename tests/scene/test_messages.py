@@ -222,9 +222,11 @@ def test_files_that_include_each_other(tmp_path, second):
     (tmp_path / "second.idp").write_text(f'real k = 1.;\ninclude "{second}"\n')
     with pytest.raises(InputError, match=f'^second.idp line 2: include "{second}" leads back'):
         freefem.export(path, tmp_path / "export", {})
-    (tmp_path / "second.idp").write_text("real k = 1.;\n")  # one that two files include
+    # one that two files include, with itself in a comment
+    (tmp_path / "second.idp").write_text('real k = 1.;\n/*\ninclude "second.idp"\n*/\n')
     path.write_text(path.read_text() + 'include "second.idp"\n')
     grammar.sources(path)
+    assert script._code(path).count("real k = 1.;") == 2
 
 
 def test_every_shipped_scene_passes():
@@ -735,7 +737,8 @@ MESHED = (('include "scene.idp"', 'include "scene.idp"\ninclude "gmsh.idp"'),
 @pytest.mark.parametrize("geo, words", [
     (GEO + SECOND, "mine.geo has two points in the same place, (2, "),
     # as gmsh finds the ends of pieces of oblique lines, to 1e-11 of the whole
-    (GEO + SECOND.replace("{2, ", "{2.0000000001, "), "two points of the mesh at (2"),
+    (GEO + SECOND.replace("{2, ", "{2.0000000001, "),
+     "places with two vertices (3, the first at (2, 0))"),
     # the second body lies between the nodes of the first one
     (GEO + SECOND.replace(", 0, 0, h", ", 0.1, 0, h").replace(", 1, 0, h", ", 0.7, 0, h"),
      "what gmshBody loads has a vertex on a side that is not its triangles', at (2, "),

@@ -50,7 +50,8 @@ def written(tmp_path, missing=(), unlabelled=(), label=None) -> str:
 
 @pytest.mark.parametrize("missing, unlabelled, words", [
     ((24,), (), ["holes of a few sides without a label (1, the first at ("]),
-    ((24, 25, 40), (), ["holes of a few sides without a label (2, the first at ("]),
+    ((24, 25, 40), (), ["holes of a few sides without a label (1, the first at ("]),  # one hole
+    ((24, 25, 44), (), ["holes of a few sides without a label (2, the first at ("]),
     ((), (3,), ["amid those of a label (1, the first at (3.5, 0) amid those of label 1)"]),
     ((), (3, 14), ["(2, the first at (3.5, 0) amid those of label 1)"]),
     ((6,), (3,), ["(2, the first at (3.5, 0) amid those of label 1)"]),  # a triangle at the rim

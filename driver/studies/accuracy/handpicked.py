@@ -18,7 +18,7 @@ from pathlib import Path
 from statistics import median
 
 from ...estimates.budget import mesh_knob
-from ...runs.own_process import UNSEEN, run_alone
+from ...runs.own_process import BARE, run_alone
 from ...text import assignments, percent, words
 from . import coverage
 from .coverage import Case
@@ -115,7 +115,7 @@ def _process(case: Case, options: dict, out: Path) -> tuple[float, int, dict | s
     """User seconds of a run as a user starts it, its status, its summary or why there is none."""
     with tempfile.TemporaryDirectory(prefix=".run.", dir=out) as folder:
         begun = user_seconds()
-        status, answer = run_alone(case.common | options | UNSEEN | {
+        status, answer = run_alone(case.common | options | BARE | {
             "scene": case.scene, "out": Path(folder) / "run"})
         return user_seconds() - begun, status, answer
 

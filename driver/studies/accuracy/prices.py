@@ -10,7 +10,7 @@ import math
 import tempfile
 from pathlib import Path
 
-from ...runs.own_process import UNSEEN, run_alone
+from ...runs.own_process import BARE, run_alone
 from ...text import assignments, percent, words
 from . import coverage
 from .coverage import Case
@@ -83,7 +83,7 @@ def judge(case: Case, out: Path) -> list[dict]:
 def _run(options: dict, out: Path) -> dict:
     """Summary of a run by itself, as a user starts it; empty if it failed."""
     with tempfile.TemporaryDirectory(prefix=".run.", dir=out) as folder:
-        status, answer = run_alone(options | UNSEEN | {"out": Path(folder) / "run"})
+        status, answer = run_alone(options | BARE | {"out": Path(folder) / "run"})
     if status:
         print(f"  {assignments(options)}: {answer}", flush=True)
         return {}
