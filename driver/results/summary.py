@@ -131,7 +131,7 @@ class Summary:
         "output": "contact quantities and fields",
         "validity": "checks of the model's assumptions",
         "energy_error": "error in the energy norm", "estimates": "error budget",
-        "figures": "figures and animation",
+        "figures": "figures and animation, but for what is drawn while errors are estimated",
         "start": "programs, packages and ranks starting, and what no other stage counts",
         "total": "the sum: what the user waits for",
         "export_cycles": "FreeFEM in refinement cycles",
