@@ -43,10 +43,12 @@ class Search:
 def search_states(problem: CoulombProblem) -> Search:
     """Look for a solution in all states.
 
-    In the order of depth first, deterministic; for problems of up to MOST_NODES. Not certain where
+    In the order of depth first, deterministic. Not certain where there are more than MOST_NODES, or
     more than PROGRAMS linear programs would be needed, or one has no end, or rounding hides a
     solution.
     """
+    if problem.n > MOST_NODES:
+        return Search(None, False)
     return _Search(problem).run()
 
 

@@ -55,6 +55,7 @@ def test_few_nodes_that_touch_are_found_among_many(monkeypatch, fewest):
     found, method = few_nodes.solution_among(problem, np.zeros(problem.rows + 1), 60, searched)
     assert method == "search" and problem.solves(found)
     assert not np.delete(found[: problem.rows], rows).any()
+    assert branching.search_states(problem).solution is None  # too many nodes for the search
 
 
 def test_nodes_that_are_penetrated_are_added(monkeypatch):

@@ -115,8 +115,10 @@ def test_a_body_that_is_pulled_off_has_no_state(friction):
 
 
 def test_branch_and_bound_knows_its_limits(monkeypatch):
-    """Too many programs are no proof that there is no solution."""
+    """Too many nodes, or programs, are no proof that there is no solution."""
     problem = random_problem(1, 3, 3)
+    many = branching.search_states(random_problem(1, branching.MOST_NODES + 1, 1))
+    assert many.solution is None and not many.certain
     monkeypatch.setattr(branching, "newton", lambda *_: None)
     solvable = next(problem for problem in (random_problem(seed, 3, 1) for seed in range(SEEDS))
                     if has_solution(problem))
