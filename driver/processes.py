@@ -1,13 +1,16 @@
 """Processes that share the work of this one, and how signals end them."""
 
 import contextlib
+import ctypes
 import multiprocessing
+import os
 import signal
 from collections.abc import Callable
 
 from .options import CORES
 
 FORK = multiprocessing.get_context("fork")  # what has been read and imported is there already
+PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
 def share(one: Callable[[str], None], names: list[str], cores: int = CORES) -> None:
@@ -18,7 +21,8 @@ def share(one: Callable[[str], None], names: list[str], cores: int = CORES) -> N
     """
     count = max(1, min(cores, len(names)))
     shares = [names[k::count] for k in range(count)]
-    others = [FORK.Process(target=_quietly, args=(one, part), daemon=True) for part in shares[1:]]
+    others = [FORK.Process(target=_quietly, args=(one, part, os.getpid()), daemon=True)
+              for part in shares[1:]]
     try:
         for process in others:
             with contextlib.suppress(OSError):  # no process more
@@ -43,7 +47,7 @@ def aside(one: Callable[[], None]):
     """one() in another process while a block runs; gives what waits for it and says whether it is
     done. It may not be, for want of memory say: then do it here, where its error is seen.
     """
-    process = FORK.Process(target=_quietly, args=(lambda _: one(), [""]), daemon=True)
+    process = FORK.Process(target=_quietly, args=(lambda _: one(), [""], os.getpid()), daemon=True)
 
     def done() -> bool:
         if process.pid is not None:
@@ -60,14 +64,22 @@ def aside(one: Callable[[], None]):
             process.join()
 
 
-def _quietly(one: Callable[[str], None], names: list[str]) -> None:
+def _quietly(one: Callable[[str], None], names: list[str], parent: int) -> None:
     """What another process does; it says nothing and ends at once where it cannot."""
     die_of_signals()
+    _end_with(parent)
     try:
         for name in names:
             one(name)
     except BaseException:  # whatever it is, the process that waits meets it as well
         raise SystemExit(1) from None
+
+
+def _end_with(parent: int) -> None:
+    """End this process when its parent does, however that is killed."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:  # which has ended before
+        raise SystemExit(1)
 
 
 def die_of_signals() -> None:

@@ -3,6 +3,8 @@
 import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 
 import pytest
 
@@ -69,3 +71,27 @@ def test_an_error_is_that_of_this_process_and_leaves_no_process_behind():
     with pytest.raises(ValueError, match="geometry"):
         processes.share(wait, NAMES, 2)
     assert not multiprocessing.active_children()
+
+
+@pytest.mark.parametrize("start", [
+    "with processes.aside(wait): wait()",
+    "processes.share(wait, ['first', 'other'], 2)"])
+def test_a_process_that_draws_ends_with_the_one_it_draws_for(start):
+    """It holds the lock of the result directory, and nobody waits for what it draws."""
+    script = f"""
+import os, signal
+from driver import processes
+def wait(*_):
+    os.write(1, f"{{os.getpid()}}\\n".encode())
+    signal.pause()
+{start}
+"""
+    command = [sys.executable, "-c", script]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as run:
+        other, = {int(run.stdout.readline()), int(run.stdout.readline())} - {run.pid}
+        run.kill()
+        try:
+            assert run.communicate(timeout=30)[0] == ""  # the last of them has closed it
+        except subprocess.TimeoutExpired:
+            os.kill(other, signal.SIGKILL)
+            raise
