@@ -87,8 +87,7 @@ def header(figure: Figure, caption: str, identity: str, handles: list,
     while handles:
         figure.legend(handles=handles, loc="upper center", ncols=columns, frameon=False,
                       borderpad=0, handlelength=handlelength, columnspacing=1.4, borderaxespad=0)
-        width = figure.legends[0].get_window_extent(figure.canvas.get_renderer()).width
-        if columns == 1 or width < figure.bbox.width - 2 * PAD * figure.dpi:
+        if columns == 1 or _fits(figure.legends[0], figure):
             break
         figure.legends[0].remove()
         columns -= 1
@@ -100,14 +99,22 @@ def _written(figure: Figure, text: str, **look) -> None:
 
     Formulas and what stands in parentheses stay whole.
     """
-    artist = figure.text(0.5, 1, "", ha="center", va="top", multialignment="center", **look)
-    renderer = figure.canvas.get_renderer()
-    for word in re.findall(r"\([^()$]*\)|(?:\$[^$]*\$|[^ $])+", text):
+    artist = figure.text(0.5, 1, text, ha="center", va="top", multialignment="center", **look)
+    if _fits(artist, figure):
+        return
+    words = re.findall(r"\([^()$]*\)|(?:\$[^$]*\$|[^ $])+", text)
+    artist.set_text(words[0])
+    for word in words[1:]:
         before = artist.get_text()
-        artist.set_text(f"{before} {word}".lstrip())
-        wide = artist.get_window_extent(renderer).width > figure.bbox.width - 2 * PAD * figure.dpi
-        if before and wide:
+        artist.set_text(f"{before} {word}")
+        if not _fits(artist, figure):
             artist.set_text(f"{before}\n{word}")
+
+
+def _fits(artist, figure: Figure) -> bool:
+    """Whether a text or a legend is no wider than the figure."""
+    width = artist.get_window_extent(figure.canvas.get_renderer()).width
+    return width <= figure.bbox.width - 2 * PAD * figure.dpi
 
 
 def place_header(figure: Figure) -> None:

@@ -6,10 +6,10 @@ import numpy as np
 
 from ..contact.states import ContactField
 from ..feti.structure import Substructure
-from ..files import renamed
-from .contact_state import WEAR, less_wear
 from .contact_edges import chains
+from .contact_state import WEAR, less_wear
 from .tables import contact_file
+from .vtu import VtuMesh, in_space
 
 
 class ContactLines:
@@ -18,7 +18,7 @@ class ContactLines:
     def __init__(self, directory: Path, structure: Substructure, root: bool):
         """`root`: whether this rank writes."""
         self.directory, self.structure = directory, structure
-        self.lines = _lines(structure) if root else None
+        self.mesh = _mesh(structure) if root else None
 
     def write(self, index: int, time: float, moved: np.ndarray, state: dict) -> None:
         """The file of step `index`; `moved` (nodes, 2) are displacements, `state` as ContactState.
@@ -26,8 +26,6 @@ class ContactLines:
         Gap is the distance at the start, as in contact.csv, to moving obstacles that at `time`,
         opening what is left of it.
         """
-        import meshio
-
         b = self.structure.contact.declared.at(time)
         opening = b.gap - less_wear(state)[ContactField.U_N]
         data = {"displacement": moved[b.gid], "normal": b.normal,
@@ -39,14 +37,16 @@ class ContactLines:
             data["wear"] = state[WEAR]
         if b.motion is not None:
             data["obstacle"] = b.gap[:, None] * b.normal  # warped by it the line is the obstacle
-        data = {name: np.column_stack([values, np.zeros(len(values))]) if values.ndim == 2
-                else values for name, values in data.items()}
-        cells = [("line", self.lines)]
-        if not len(self.lines):
-            cells = [("vertex", np.arange(len(b.gid))[:, None])]
-        with renamed(self.directory / contact_file(index)) as hidden:
-            meshio.Mesh(np.column_stack([b.xy, np.zeros(len(b.gid))]), cells,
-                        point_data=data).write(hidden)
+        data = {name: in_space(values) if values.ndim == 2 else values
+                for name, values in data.items()}
+        self.mesh.write(self.directory / contact_file(index), data, {})
+
+
+def _mesh(structure: Substructure) -> VtuMesh:
+    """Contact nodes and the lines between them, vertices where there are none."""
+    b, lines = structure.contact.declared, _lines(structure)
+    cells = lines if len(lines) else np.arange(len(b.gid))[:, None]
+    return VtuMesh(in_space(b.xy), cells, {}, {})
 
 
 def _lines(structure: Substructure) -> np.ndarray:

@@ -26,7 +26,7 @@ from .contact_lines import ContactLines
 from .nodal_means import NodalMeans
 from .pieces import Pieces
 from .tables import FIELDS_FOLDER, STRESSES, contact_file, error_file, field_file, piece_file
-from .vtu import VtuMesh, attributes
+from .vtu import VtuMesh, attributes, in_space
 
 SAME_MATERIAL = 1e-9  # relative difference of moduli: means over triangles, which round
 COMPONENTS = {"stress": STRESSES}
@@ -80,7 +80,7 @@ class Fields:
 
         def points(s: int) -> dict[str, np.ndarray]:
             own = slice(self._starts[s], self._starts[s] + self.pieces.points[s])
-            return {"displacement": _in_space(whole[s][self._drawn[s]]), "stress": nodal[own]}
+            return {"displacement": in_space(whole[s][self._drawn[s]]), "stress": nodal[own]}
 
         def cells(s: int) -> dict[str, np.ndarray]:
             return {"stress": means[s], "von_mises": von_mises(means[s])}
@@ -167,7 +167,7 @@ class Fields:
             of = pieces.received(turn, pieces.triangles, {"subdomain": (int,), "size": (int,),
                                                           "nodes": (np.int64, nodes)}, cells)
             if turn < len(pieces.own):
-                meshes.append(VtuMesh(_in_space(at), _numbered(**of), data, COMPONENTS))
+                meshes.append(VtuMesh(in_space(at), _numbered(**of), data, COMPONENTS))
         return meshes
 
     def _write(self, name: str, points, cells) -> None:
@@ -216,11 +216,6 @@ def _numbered(subdomain: np.ndarray, size: np.ndarray, nodes: np.ndarray) -> np.
     first = np.cumsum(size[begins]) - size[begins]
     nodes = nodes + first[np.cumsum(begins) - 1][:, None]
     return nodes[:, elements.TO_VTK] if nodes.shape[1] == 6 else nodes
-
-
-def _in_space(pairs: np.ndarray) -> np.ndarray:
-    """(n, 3) vectors in space from those in the plane (n, 2)."""
-    return np.column_stack([pairs, np.zeros(len(pairs))])
 
 
 def _drawn(sub: Subdomain) -> np.ndarray:

@@ -19,7 +19,7 @@ BLOCK = 2**15  # bytes that are compressed at a time
 GAIN = 0.5
 STORED, QUICK, SMALL = 0, 1, 6  # zlib's levels; of digits both leave the same
 KINDS = {"f": "Float64", "i": "Int64"}
-TYPES = {3: 5, 6: 22}  # VTK's numbers of triangles by their nodes
+TYPES = {1: 1, 2: 3, 3: 5, 6: 22}  # VTK's numbers of vertices, lines and triangles by their nodes
 
 
 def attributes(name: str, values: np.ndarray, components: tuple[str, ...] = ()) -> str:
@@ -45,28 +45,33 @@ def encoded(values: np.ndarray, level: int) -> bytes:
     return base64.b64encode(header.tobytes()) + base64.b64encode(b"".join(packed))
 
 
-class VtuMesh:
-    """Files of a mesh of n points and n_t triangles, in numbers of 8 bytes."""
+def in_space(pairs: np.ndarray) -> np.ndarray:
+    """(n, 3) vectors in space from those in the plane (n, 2)."""
+    return np.column_stack([pairs, np.zeros(len(pairs))])
 
-    def __init__(self, points: np.ndarray, triangles: np.ndarray, cell_data: dict[str, np.ndarray],
+
+class VtuMesh:
+    """Files of a mesh of n points and m cells of one kind, in numbers of 8 bytes."""
+
+    def __init__(self, points: np.ndarray, cells: np.ndarray, cell_data: dict[str, np.ndarray],
                  components: dict[str, tuple[str, ...]]):
-        """`points` (n, 3), `triangles` (n_t, 3 or 6) in VTK's order, `cell_data` (n_t,) by name.
+        """`points` (n, 3), `cells` (m, 1, 2, 3 or 6) in VTK's order, `cell_data` (m,) by name.
 
         `components` are the names of those of arrays that have some.
         """
         self.components = components
-        # without triangles: what arrays there are
+        # without cells: what arrays there are
         self.cell_data = {name: values[:0].copy() for name, values in cell_data.items()}
-        count, nodes = triangles.shape
+        count, nodes = cells.shape
         self._head = (
             '<VTKFile type="UnstructuredGrid" version="0.1" '
             f'byte_order="{sys.byteorder.capitalize()}Endian" compressor="vtkZLibDataCompressor">\n'
             f'<UnstructuredGrid>\n<Piece NumberOfPoints="{len(points)}" NumberOfCells="{count}">\n'
         ).encode()
-        cells = {"connectivity": triangles.ravel(), "offsets": nodes * np.arange(1, count + 1),
-                 "types": np.full(count, TYPES[nodes])}
+        layout = {"connectivity": cells.ravel(), "offsets": nodes * np.arange(1, count + 1),
+                  "types": np.full(count, TYPES[nodes])}
         self._mesh = [b"<Points>\n", *self._arrays({"Points": points}, SMALL),
-                      b"</Points>\n<Cells>\n", *self._arrays(cells, SMALL), b"</Cells>\n"]
+                      b"</Points>\n<Cells>\n", *self._arrays(layout, SMALL), b"</Cells>\n"]
         self._cells = self._arrays(cell_data, SMALL)
 
     def write(self, path: Path, points: dict[str, np.ndarray],

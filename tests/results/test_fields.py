@@ -14,6 +14,7 @@ from driver.contact.states import ContactField
 from driver.files import read_fields, read_table
 from driver.results import contact_lines
 from driver.results.contact_lines import ContactLines
+from driver.results.vtu import VtuMesh, in_space
 
 
 @pytest.fixture(scope="module", params=["P1", "P2"])
@@ -96,7 +97,7 @@ def test_openings_of_contact_lines(tmp_path):
     lines = ContactLines(tmp_path, None, False)
     lines.structure = SimpleNamespace(contact=SimpleNamespace(declared=SimpleNamespace(
         at=lambda time: b)))
-    lines.lines = np.array([[0, 1], [1, 2]])
+    lines.mesh = VtuMesh(in_space(b.xy), np.array([[0, 1], [1, 2]]), {}, {})
     state = {ContactField.U_N: np.array([0.25, 0.5, 4.0]), "wear": np.array([0.0, 0.0, 2.0])}
     for field in (ContactField.SIGMA_N, ContactField.SIGMA_T, ContactField.SLIP,
                   ContactField.STATUS):
