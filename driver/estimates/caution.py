@@ -56,6 +56,7 @@ from . import sharp_ends
 from .adjoint import held
 from .budget import (CAUTION, SAFETY, UNBOUNDED, UNSETTLED, Part, extrapolate, formal_order,
                      located, observed_order)
+from .free_peak import Peaks, exceeded
 
 LOCKED = 2.0  # lambda / mu (Poisson's ratio 1/3) from which linear elements are too stiff
 ROUGH, STEEP = 0.25, 2.0  # relative error in energy from which caution grows, and how fast
@@ -166,6 +167,15 @@ class Caution:
         if WORK in values and _unsure(values, parts):
             parts[WORK] = located(parts[WORK], abs(values[WORK]))
         return parts
+
+    def beside(self, part: Part, value: float, peaks: list[tuple[Peaks, Peaks]],
+               touches: list[Touch], ratios: list[float]) -> Part:
+        """The `part` of the largest displacement beside what other places may have; `peaks` of
+        finer and coarser meshes as of free_peak.exceeded.
+        """
+        most = self.order(touches, ratios)
+        return exceeded(part, value, peaks, ratios,
+                        formal_order("mesh", self.element, WAY, most=most))
 
     def order(self, touches: list[Touch], ratios: list[float], of=sharp_ends.order) -> float:
         """Order that ends of contact and tips of cracks leave functionals at most."""

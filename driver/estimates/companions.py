@@ -13,7 +13,7 @@ from . import caution, jumps, soundness, unresolved
 from .between_steps import Strides, finer
 from .budget import (OF_TIME, Part, advice, coarser, extrapolate, formal_order, mesh_knob, name_of,
                      located, of_one_step, ratio, summed)
-from .free_peak import Peaks, exceeded
+from .free_peak import Peaks
 from .levels import Level, Levels, samples
 from .polygons import stand_for_curves
 
@@ -202,11 +202,9 @@ class Companions:
                 for mesh in self.meshes[:len(good) + 1]]
         parts = self.caution.parts(self.values, good, self.ratios, self.singular, touches, lost)
         if good:
-            most = self.caution.order(touches, self.ratios)
-            parts["displacement"] = exceeded(
-                parts["displacement"], self.values["displacement"],
-                self._peaks(len(good), stride) if self.step else [], self.ratios,
-                formal_order("mesh", self.manifest.element, "displacement", most=most))
+            peaks = self._peaks(len(good), stride) if self.step else []
+            parts["displacement"] = self.caution.beside(
+                parts["displacement"], self.values["displacement"], peaks, touches, self.ratios)
         parts = unresolved.claimable(parts, self.values, self.caution.touch.nodes > 0)
         return unresolved.known(parts, self.unresolved, self.values, self.caution.touch)
 

@@ -1,10 +1,10 @@
 """The mesh's part of the error of a run from others on coarser meshes, as a search makes them."""
 
 from . import adjoint, soundness, unresolved
-from .budget import Part, formal_order
+from .budget import Part
 from .caution import Caution
 from .energy import of_level
-from .free_peak import Peaks, exceeded
+from .free_peak import Peaks
 from .levels import Level
 from .polygons import stand_for_curves
 from .torn_body import Gather, gather_body
@@ -32,10 +32,9 @@ def mesh_parts(problems: list, levels: list[Level], ratios: list[float], name: s
     found = caution.parts(values[0], good, ratios, finest.singular, touches, lost)
     if good:
         peaks = [Peaks.of_level(level) for level in levels[:alike]]
-        most = caution.order(touches, ratios)
-        found["displacement"] = exceeded(
-            found["displacement"], values[0]["displacement"], list(zip(peaks, peaks[1:])), ratios,
-            formal_order("mesh", problem.manifest.element, "displacement", most=most))
+        found["displacement"] = caution.beside(
+            found["displacement"], values[0]["displacement"], list(zip(peaks, peaks[1:])),
+            touches, ratios)
     # what is asked for goes on from errors of any size
     found = unresolved.claimable(found, values[0], touches[0].nodes > 0) | {name: found[name]}
     unknown = unresolved.parts(values[0], error, touches[0], problem.manifest.element,

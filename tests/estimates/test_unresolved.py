@@ -145,27 +145,50 @@ def test_loads_do_not_give_the_resultant_of_normals_that_turn(solved, named_scen
     assert found["normal_resultant"]["total"] is None and found["displacement"]["total"] > 0
 
 
+@pytest.fixture
+def searched(monkeypatch):
+    """searched(error, energy): parts of a search on two meshes, of which coarser ones tell an
+    `error` of every quantity, and the arguments that they got.
+    """
+    def parts(error: float, energy: dict) -> tuple[dict, list]:
+        touch = touch_of([3, 4, 5, 5, 4, 3, 2, 0, 0])
+        level = SimpleNamespace(touch=touch, values=VALUES, record=None, steps=3 * [None], at=1,
+                                declared=3, singular=())
+        manifest = SimpleNamespace(element="P1")
+        problems = [SimpleNamespace(manifest=manifest, operator=None, lost=part)
+                    for part in (0.02, 0.05)]
+        given = []
+        caution = SimpleNamespace(
+            parts=lambda *of: given.append(of) or dict.fromkeys(VALUES, Part(error)),
+            beside=lambda part, *_: part)
+        for owner, name, answer in (
+                (successive.adjoint, "assess", ({"normal_resultant": 1.0}, {"smoothed": 0.01})),
+                (successive, "of_level", energy), (successive.Peaks, "of_level", None),
+                (successive.Caution, "of", caution), (successive, "stand_for_curves", False)):
+            monkeypatch.setattr(owner, name, lambda *_, answer=answer, **__: answer)
+        monkeypatch.setattr(successive.soundness, "lost", lambda problem: problem.lost)
+        return successive.mesh_parts(problems, [level, level], [2.0], "normal_resultant",
+                                     "bound"), given
+
+    return parts
+
+
 @pytest.mark.parametrize("step, known", [(2, False), (3, True)])
-def test_the_bound_says_nothing_of_an_earlier_step(monkeypatch, step, known):
+def test_the_bound_says_nothing_of_an_earlier_step(searched, step, known):
     """That smoothed stresses miss most of it is seen at the step that the bound of the error in
     energy is of: the values are of the second one, after which contact is lost.
     """
-    touch, part = touch_of([3, 4, 5, 5, 4, 3, 2, 0, 0]), Part(0.01)
-    level = SimpleNamespace(touch=touch, values=VALUES, record=None, steps=3 * [None], at=1,
-                            declared=3, singular=())
-    problem = SimpleNamespace(manifest=SimpleNamespace(element="P1"), operator=None)
-    energy = {"kind": "equilibrated", "step": step, "mesh": 1.0}
-    caution = SimpleNamespace(parts=lambda *_: dict.fromkeys(VALUES, part), order=lambda *_: 1.0)
-    peaks = SimpleNamespace(by_support=False, free=np.zeros((0, 4)), largest=1.0)
-    for owner, name, answer in (
-            (successive.adjoint, "assess", ({"normal_resultant": 1.0}, {"smoothed": 0.01})),
-            (successive.soundness, "lost", 0.0),
-            (successive, "of_level", energy), (successive.Peaks, "of_level", peaks),
-            (successive.Caution, "of", caution), (successive, "stand_for_curves", False)):
-        monkeypatch.setattr(owner, name, lambda *_, answer=answer, **__: answer)
-    found = successive.mesh_parts([problem, problem], [level, level], [2.0], "normal_resultant",
-                                  "bound")
+    found, _ = searched(0.01, {"kind": "equilibrated", "step": step, "mesh": 1.0})
     assert (found["slip"].error is not None) == known
+
+
+def test_a_search_claims_no_more_than_a_run_would(searched):
+    """Nothing of what may be its own error, but of what it is asked for, which it goes on with;
+    and what edges miss of the loads counts, of either mesh.
+    """
+    found, given = searched(1.5 * max(VALUES.values()), {})
+    assert [name for name, part in found.items() if part.error is not None] == ["normal_resultant"]
+    assert given[0][-1] == [0.02, 0.05]
 
 
 def test_what_may_be_nothing_but_its_own_error_has_no_claim():
