@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..contact.axis import on_axis
 from ..contact.states import OPEN, SLIP, ContactField
 from ..feti.nodal import NodalFields
 from ..feti.operator import DualOperator
@@ -11,7 +12,6 @@ from ..march.quasistatic import QuasistaticSolver
 from ..march.step import Step
 
 JOINTS, WEAR, HELD = "joints", "wear", "held"  # in what `ContactState.evaluate` returns
-AXIS = 1e-6  # part of the largest coordinate that is on the axis
 ACROSS = 1e-6  # component of a tangent that is none
 SLID = "slip_law.accumulated_slip"  # of what a cycle hands on
 SLIDES = 1e-9  # part of the largest slip or displacement that is rounding
@@ -26,7 +26,7 @@ def less_wear(states: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 def of_axis(b) -> np.ndarray:
     """(n_c,) which nodes of a ContactBoundary `b` are on the axis of a revolution."""
-    return b.axisymmetric & (b.xy[:, 0] <= AXIS * np.abs(b.xy).max(initial=0.0))
+    return b.axisymmetric & on_axis(b.xy[:, 0])
 
 
 def without_row(b) -> np.ndarray:
