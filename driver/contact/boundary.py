@@ -12,6 +12,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ..vectors import turned_left
+
 # members of ContactBoundary, arrays (n_c, ...)
 NODAL = ("gid", "label", "chain", "xy", "arc", "weight", "length", "normal", "gap", "family",
          "middle", "guided", "normal_row", "tangential_row")
@@ -232,4 +234,4 @@ class ContactBoundary:
     @property
     def tangent(self) -> np.ndarray:
         """(n_c, 2): the normal turned by +90 degrees."""
-        return np.column_stack([-self.normal[:, 1], self.normal[:, 0]])
+        return turned_left(self.normal)

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..vectors import turned_left
+
 CHUNK = 2_000_000  # pairs of places and segments that are compared at a time
 FEET = 4  # steps of Newton's method
 BEYOND = 0.1  # of a segment by which a foot may be beyond its end, on the next one
@@ -99,7 +101,7 @@ def through(segments: np.ndarray) -> SmoothCurve:
     start, end = segments[:, :2], segments[:, 2:4]
     chord = end - start
     along = chord / np.linalg.norm(chord, axis=1)[:, None]
-    away = np.column_stack([-along[:, 1], along[:, 0]])
+    away = turned_left(along)
     toward = (away * (segments[:, 4:6] + segments[:, 6:8])).sum(axis=1)
     away = np.where(toward < 0, -1.0, 1.0)[:, None] * away
     rise, fall = (-(way * along).sum(axis=1) / (way * away).sum(axis=1)

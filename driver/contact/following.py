@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import InputError
+from ..vectors import turned_left
 from .boundary import Configuration, ContactBoundary
 from .motion import ObstacleMotion
 
@@ -114,7 +115,7 @@ class Following:
         if sides is not None:
             sides = sides.displaced(Configuration(self.gids, moved))
         if motion is not None:
-            tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
+            tangent = turned_left(normal)
             motion = FollowedMotion(**vars(motion) | {"gap": gap[None].copy(), "xy": place,
                                                       "tangent": tangent})
         boundary = self.found.boundary(gap, motion, sides, self, normal)

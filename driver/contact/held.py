@@ -17,6 +17,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..feti.supports import free_along
+from ..vectors import turned_left
 from . import mortar
 
 # coefficients from which on a node is met: less comes of the rounding of coordinates, or of the
@@ -44,7 +45,7 @@ def lost_and_guided(first, second, gids: tuple, fixed_keys: np.ndarray, normal: 
     def meets(which: np.ndarray) -> np.ndarray:
         return np.bincount(node, which, len(own)) > 0
 
-    tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
+    tangent = turned_left(normal)
     for direction, asked in ((normal, True), (tangent, rubs)):
         stands = asked & ~free_along(own, direction, fixed_keys)
         lost |= stands & meets(free_along(others[of], direction[node], fixed_keys))

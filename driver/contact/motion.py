@@ -4,6 +4,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ..vectors import turned_left
+
 SAME = 1e-9  # of a history's largest value, or of a period, that is rounding
 
 
@@ -109,6 +111,6 @@ class ObstacleMotion:
 
 def _turned(arm: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """(n, 2) displacements of points at `arm` (n, 2) from a centre that turn by `angle` (n,)."""
-    across = np.column_stack([-arm[:, 1], arm[:, 0]])
+    across = turned_left(arm)
     # 1 - cos by its half angle, exact for small ones
     return np.sin(angle)[:, None] * across - 2 * np.sin(angle / 2)[:, None] ** 2 * arm

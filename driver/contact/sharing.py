@@ -4,6 +4,8 @@ from itertools import combinations, product
 
 import numpy as np
 
+from ..vectors import turned_left
+
 SLIGHT = 1e-9  # part of the force by which a bound may be missed: rounding
 PARALLEL = 1e-12  # determinant of lines of unit length that do not meet
 
@@ -58,7 +60,7 @@ def least_friction(force: np.ndarray, normals: np.ndarray, F: np.ndarray, c: np.
 
 def _resolved(force, normals) -> tuple[np.ndarray, np.ndarray, float]:
     """own (2,), turn (2, 2) with p = own - turn q, and the force that rounding may leave."""
-    tangents = np.column_stack([-normals[:, 1], normals[:, 0]])
+    tangents = turned_left(normals)
     return (np.linalg.solve(normals.T, force), np.linalg.solve(normals.T, tangents.T),
             SLIGHT * np.linalg.norm(force))
 

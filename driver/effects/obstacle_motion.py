@@ -14,6 +14,7 @@ import numpy as np
 
 from ..contact.motion import ObstacleMotion
 from ..errors import InputError
+from ..vectors import turned_left
 from . import Effect, RunFacts, entry
 
 FACING = 0.1  # cosine between the node's normal and the obstacle's below which they do not meet
@@ -38,7 +39,7 @@ class Room(Effect):
         shift = np.stack([history("obstacle_x"), history("obstacle_y")], axis=-1)
         pivot = np.column_stack([columns.get(name, np.zeros(count))
                                  for name in ("pivot_x", "pivot_y")])
-        tangent = np.column_stack([-nodes.normal[:, 1], nodes.normal[:, 0]])
+        tangent = turned_left(nodes.normal)
         if "large_sliding" in self.manifest.rooms:  # finds distances itself
             gap = np.tile(distance, (steps + 1, 1))
         elif "phi@0" in columns:

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from ..vectors import turned_left
+
 
 class ContactTractions:
     """Tractions t* of rigid obstacles in the cone, linear on edges between the computed nodal ones.
@@ -23,7 +25,7 @@ class ContactTractions:
         self.boundary, self.constrained, self.computed = b, contact.constrained, state
         self.gid = np.concatenate([b.gid, c.gid])
         self.xy, self.normal = np.concatenate([b.xy, c.xy]), np.concatenate([b.normal, c.normal])
-        self.tangent = np.column_stack([-self.normal[:, 1], self.normal[:, 0]])
+        self.tangent = turned_left(self.normal)
         self.node = b.edges
         self.length = np.linalg.norm(self.xy[self.node[:, 0]] - self.xy[self.node[:, 1]], axis=1)
         none, zero = np.zeros(len(c.gid), bool), np.zeros(len(c.gid))

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from ..scene.elements import areas, hat_gradients
+from ..vectors import turned_left
 
 
 @dataclass
@@ -53,7 +54,7 @@ class Mesh:
     def outward(self) -> np.ndarray:
         """(n_t, 3, 2) outward normals of the sides k to k + 1, as long as these."""
         side = np.roll(self.corner, -1, axis=1) - self.corner
-        return np.stack([side[..., 1], -side[..., 0]], axis=-1)
+        return -turned_left(side)
 
     @cached_property
     def length(self) -> np.ndarray:

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from ..scene.elements import areas, cross, hat_gradients
+from ..vectors import turned_left
 from .element_stress import johnson_mercier
 
 
@@ -137,7 +138,7 @@ def _remainder_constant(triangle: np.ndarray, compliance: np.ndarray) -> np.ndar
         density = (shape[:, None, :, None] * axis) / np.sqrt(2 * half)[:, None]
         base = half[:, None] / 6 * (2 * density + density[:, :, ::-1])
         force = base[0].sum(axis=1)
-        across = np.column_stack([-line[:, 1], line[:, 0]])
+        across = turned_left(line)
         far = -cross(start - middle, base[0, :, 0])[:, None] * across
         far = far - 0.5 * (force * line).sum(axis=1)[:, None] * line
         far = far / (line**2).sum(axis=1)[:, None]

@@ -41,6 +41,7 @@ import numpy as np
 
 from ..contact.facing import segments
 from ..contact.side import POINT, Side, WEIGHT, before_flanks, split
+from ..vectors import turned_left
 from .contact_tractions import continued, slid
 from .edge_mesh import Mesh
 from .edge_remainder import Fan, remainder_constant
@@ -317,7 +318,7 @@ def _between(ends: np.ndarray, s: float) -> np.ndarray:
 
 def _turned(direction: np.ndarray) -> np.ndarray:
     """Vectors (..., 2) turned by +90 degrees."""
-    return np.stack([-direction[..., 1], direction[..., 0]], axis=-1)
+    return turned_left(direction)
 
 
 def _spread(n: int, here: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..contact.curve import CHUNK, Curve
 from ..scene.elements import cross
+from ..vectors import turned_left
 
 PAIRS = CHUNK // 8  # of edges, of which much more is known than a distance
 FOLDED = 0.5  # cosine of the turn from foot to foot below which they do not follow one another
@@ -26,14 +27,14 @@ def obstacle(foot: np.ndarray, normal: np.ndarray, joined=True) -> Curve | None:
     chord = np.diff(foot, axis=0)
     length = np.linalg.norm(chord, axis=1)
     along = chord / np.where(length > 0, length, 1.0)[:, None]
-    tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
+    tangent = turned_left(normal)
     sense = np.sign(np.einsum("sk,sk->s", along, tangent[:-1] + tangent[1:]).sum()) or 1.0
     tangent = sense * tangent
     cosine = np.minimum((along * tangent[:-1]).sum(axis=1), (along * tangent[1:]).sum(axis=1))
     good = (length > 1e-12 * max(length.max(), 1e-300)) & (cosine > FOLDED) & joined
     if not good.any():
         return None
-    away = -sense * np.column_stack([-along[:, 1], along[:, 0]])
+    away = -sense * turned_left(along)
     if ((away * (normal[:-1] + normal[1:])).sum(axis=1)[good]).sum() > 0:
         away = -away
     steep = np.maximum(cosine, FOLDED)  # good ones are above
@@ -57,7 +58,7 @@ def from_obstacle(boundary, nodes: np.ndarray, place: np.ndarray):
 def polygon(start: np.ndarray, end: np.ndarray) -> Curve:
     """Straight edges (s, 2) with the body that they bound on their left."""
     chord = end - start
-    outward = np.column_stack([chord[:, 1], -chord[:, 0]])
+    outward = -turned_left(chord)
     outward = outward / np.linalg.norm(outward, axis=1)[:, None]
     none, no = np.zeros(len(start)), np.zeros(len(start), bool)
     return Curve(start, end, outward, none, none, no, no)

@@ -33,6 +33,7 @@ from ..contact.nodes import TURN
 from ..contact.states import OPEN, ContactField
 from ..feti.gathering import gather, joined
 from ..scene import elements, kinematics
+from ..vectors import turned_left
 from . import true_distance
 
 QUESTIONABLE = {"largest_strain": 0.1, "largest_rotation": 0.1, "largest_normal_error": 0.01,
@@ -218,7 +219,7 @@ class Validity:
         start, end = ends.T
         own = self.boundary.normal[touching]
         _, near = true_distance.nearest((place[start] + place[end]) / 2, xy, xy)
-        outward = (place[end] - place[start])[:, ::-1] * [1, -1]  # of edges with the body left
+        outward = -turned_left(place[end] - place[start])  # of edges with the body left
         back = (outward * own[near]).sum(axis=1) > 0
         start, end = np.where(back, end, start), np.where(back, start, end)
 
@@ -242,7 +243,7 @@ class Validity:
             return true, turn
 
         true, turn = measured(slice(None), slice(None))
-        outward = (place[end] - place[start])[:, ::-1] * [1, -1]
+        outward = -turned_left(place[end] - place[start])
         outward /= np.linalg.norm(outward, axis=1)[:, None]
         gid, count = np.unique(self.boundary.gid[self.boundary.paired], return_counts=True)
         for node in np.flatnonzero(np.isin(self.boundary.gid[touching], gid[count > 1])):

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
+
+from ..vectors import turned_left
 from .gathering import gather
 
 # part of a motion below which it is rounding: loads across do no work on it, which is all there
@@ -23,7 +25,7 @@ class RigidMode:
     def displacement(self, xy: np.ndarray) -> np.ndarray:
         """(n, 2) displacements at the places xy (n, 2)."""
         away = xy - self.center
-        return self.translation + self.rotation * np.column_stack([-away[:, 1], away[:, 0]])
+        return self.translation + self.rotation * turned_left(away)
 
     def fields(self, structure) -> list[np.ndarray]:
         """(dofs,) displacements of the local subdomains of a Substructure: zero in other bodies."""
@@ -133,5 +135,5 @@ def _motions(xy: np.ndarray, center: np.ndarray, size: float) -> np.ndarray:
     """(2 n, 3) displacements at xy (n, 2) along x, along y, turning by length 1 / size."""
     away = (xy - center) / size
     along_x, along_y = (np.tile(axis, (len(away), 1)) for axis in np.eye(2))
-    turned = np.column_stack([-away[:, 1], away[:, 0]])
+    turned = turned_left(away)
     return np.stack([along_x, along_y, turned], axis=2).reshape(-1, 3)

@@ -8,6 +8,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from scipy.spatial import cKDTree
 
+from ..vectors import turned_left
 from .labels import label_numbers
 from .layout import map_axes, run_header, shrink_to_body
 from .obstacle import draw_obstacles, hatch, where_it_goes
@@ -169,7 +170,7 @@ def _springs(axes, boundary: dict, edges: tuple, size: float) -> None:
     out = normal[own[edge]]
     off = np.array([0, 0.2, 0.3, 0.45, 0.55, 0.7, 0.8, 1])[:, None] * 0.05 * size
     aside = np.array([0, 0, 1, -1, 1, -1, 0, 0])[:, None] * 0.012 * size
-    lines = points[:, None] + off * out[:, None] + aside * _turned(out)[:, None]
+    lines = points[:, None] + off * out[:, None] + aside * turned_left(out)[:, None]
     axes.add_collection(LineCollection(lines, colors=LINES["springs"], linewidths=0.8, zorder=2.4))
 
 
@@ -203,7 +204,7 @@ def _load_arrows(axes, edges: tuple, traction: np.ndarray, label: np.ndarray,
         own = np.flatnonzero((label == name) & (force > 0))
         length = ARROW * size * max(force[own].max() / longest, SHORTEST)
         arrows = length * traction[own] / force[own].max()
-        along = np.abs((_turned(normal[own]) * arrows).sum(axis=1)).max()
+        along = np.abs((turned_left(normal[own]) * arrows).sum(axis=1)).max()
         points, edge = sample(start[own], end[own], max(0.075 * size, 1.25 * along))
         out, arrows = normal[own[edge]], arrows[edge]
         across = (out * arrows).sum(axis=1)[:, None]
@@ -211,11 +212,6 @@ def _load_arrows(axes, edges: tuple, traction: np.ndarray, label: np.ndarray,
         tails = np.where(across < -0.2 * length, points - arrows, points)
         tails = np.where(np.abs(across) <= 0.2 * length, points - arrows / 2, tails)
         _quiver(axes, tails, arrows, RED)
-
-
-def _turned(vectors: np.ndarray) -> np.ndarray:
-    """(n, 2) vectors turned by +90 degrees."""
-    return np.column_stack([-vectors[:, 1], vectors[:, 0]])
 
 
 def _quiver(axes, tails: np.ndarray, arrows: np.ndarray, colour: str) -> None:

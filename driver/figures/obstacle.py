@@ -5,6 +5,7 @@ import math
 import numpy as np
 from matplotlib.collections import LineCollection
 
+from ..vectors import turned_left
 from .outline import chains, right_of, sample, shifted
 from .reading import Run, select
 from .style import INK
@@ -27,7 +28,7 @@ def hatch(axes, start, end, normal, size: float, colour) -> None:
     """Short slanted marks outside some edges."""
     points, edge = sample(start, end, 0.028 * size)
     out = normal[edge]
-    tips = points + 0.034 * size * (out + np.column_stack([-out[:, 1], out[:, 0]])) / math.sqrt(2)
+    tips = points + 0.034 * size * (out + turned_left(out)) / math.sqrt(2)
     axes.add_collection(LineCollection(
         np.stack([points, tips], axis=1), colors=colour, linewidths=0.6))
     axes.update_datalim(tips)
@@ -128,7 +129,7 @@ def draw_planes(axes, rows: dict, places: np.ndarray, width: float, factor: floa
     surface = factor * (np.column_stack([rows["x"], rows["y"]]) + rows["gap"][:, None] * normal)
     if (np.abs(surface[:, None] - places).max(axis=2) < width / 2).any():
         return
-    along = REACH * width * np.column_stack([-normal[:, 1], normal[:, 0]])
+    along = REACH * width * turned_left(normal)
     start, end = places - along, places + along
     axes.add_collection(LineCollection(np.stack([start, end], axis=1), colors=INK, linewidths=0.8))
     hatch(axes, start, end, normal, width, INK)
@@ -182,7 +183,7 @@ def _surfaces(rows: dict, size: float, factor: float, away: float, times: float)
                  for part in _facing(piece[np.abs(gap[piece]) < FAR * size], normal)):
         points, middle = surface[near], normal[near]
         if len(near) == 1:
-            along = np.column_stack([-middle[:, 1], middle[:, 0]]) * 0.05 * size
+            along = turned_left(middle) * 0.05 * size
             points = np.concatenate([points - along, points + along])
         else:
             points, middle = _with_corners(points, middle)
@@ -204,7 +205,7 @@ def _with_corners(points: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, n
     that contact sees on both sides; normals (n - 1, 2) of the edges.
     """
     middle = (normal[:-1] + normal[1:]) / 2
-    along = np.column_stack([-normal[:, 1], normal[:, 0]])
+    along = turned_left(normal)
     for k in np.flatnonzero((normal[1:] * normal[:-1]).sum(axis=1) < CORNER)[::-1]:
         step, both = points[k + 1] - points[k], along[k : k + 2]
         ways = np.linalg.solve(both.T, step)[:, None] * both

@@ -3,14 +3,14 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ..vectors import turned_left
 from .reading import Mesh
 
 
 def right_of(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     """Unit normals (e, 2) on the right of directed edges."""
     along = end - start
-    return np.column_stack([along[:, 1], -along[:, 0]]) / np.linalg.norm(along, axis=1,
-                                                                         keepdims=True)
+    return -turned_left(along) / np.linalg.norm(along, axis=1, keepdims=True)
 
 
 def shifted(start: np.ndarray, end: np.ndarray, away: float) -> tuple[np.ndarray, np.ndarray]:

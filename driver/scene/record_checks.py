@@ -7,6 +7,7 @@ and the reason.
 import numpy as np
 
 from ..errors import InputError
+from ..vectors import turned_left
 from . import elements
 from .manifest import Manifest
 from .records import Head
@@ -218,7 +219,7 @@ def _stiff_motions(pieces: list[dict], xy: np.ndarray,
                 excess[:, 1].reshape(of_piece).any(axis=1))
     resists = excess.any(axis=1)
     # rotations about the origin less that of the row's own node
-    turn = np.stack([-xy[..., 1], xy[..., 0]], axis=-1).ravel()
+    turn = turned_left(xy).ravel()
     turned = turn[columns] - turn[rows - (rows & 1) + along_y]
     force, bound = (np.bincount(rows, what, minlength=len(diagonal))
                     for what in (values * turned, size * np.abs(turned)))

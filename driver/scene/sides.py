@@ -5,6 +5,8 @@
 
 import numpy as np
 
+from ..vectors import turned_left
+
 POINT = (1 + np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)])) / 2  # Gauss, exact to degree 5
 WEIGHT = np.array([5.0, 8.0, 5.0]) / 18.0
 # (points, 3) shape functions and their derivatives by xi
@@ -30,7 +32,7 @@ def integrals(xy: np.ndarray, revolved: bool = False) -> np.ndarray:
 def normals(xy: np.ndarray) -> np.ndarray:
     """(e, 3, 2) integrals of shape function times outward normal, the body left of the sides."""
     tangent = np.einsum("p,pi,pj,ejc->eic", WEIGHT, SHAPE, SLOPE, xy)
-    return np.stack([tangent[..., 1], -tangent[..., 0]], axis=-1)
+    return -turned_left(tangent)
 
 
 def are_curved(xy: np.ndarray) -> bool:
