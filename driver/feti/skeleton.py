@@ -232,7 +232,7 @@ class Skeleton:
         crossed = -int(largest(self.comm, np.array([-crossed]))[0])
         if crossed < len(order):
             middle = (p[order[crossed]] + q[order[crossed]]) / 2
-            raise InputError("the body penetrates itself: its outline crosses itself near "
+            raise InputError("a body penetrates itself or another one: outlines cross near "
                              f"({middle[0]:g}, {middle[1]:g})")
 
     @cached_property

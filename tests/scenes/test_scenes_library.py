@@ -54,7 +54,7 @@ def scene(tmp_path):
      "line 7: on(9, ...) names no boundary of the mesh"),
     (dict(body="mesh T = square(60, 3);\n"
                "body = movemesh(T, [(1.2 - 0.2*y)*cos(6.6*x), (1.2 - 0.2*y)*sin(6.6*x)]);"),
-     "penetrates itself"),
+     "penetrates itself or another one: outlines cross near"),
     (dict(body="body = square(4, 4) + square(4, 4, [x + 3, y]);"), "not connected"),
     (dict(body="body = trunc(square(4, 4), nuTriangle < 8 || nuTriangle == 31);"), "not connected"),
     (dict(contact="macro pointLoad1() [0.52, 0.5, 1., 0.] //"),
