@@ -57,7 +57,8 @@ def test_regions_still_give_materials(solved, changed, tmp_path):
 @pytest.mark.parametrize("old, new, reason", [
     ('bodyMaterial("rubber", 4., 0.);\n', "", "body 2 has no material"),
     ('"rubber", 4., 0.', '"rubber", -4., 0.', "bodyMaterial of rubber"),
-    ('"rubber", 4., 0.', '"rubber", 4., 0.5', "not 0.5: of a material that keeps its volume take"),
+    ('"rubber", 4., 0.', '"rubber", 4., 0.5',
+     "poisson = 0.5 is not between -1 and 0.5 in region 7: of a material that keeps its volume"),
     ('subdomains("auto");', 'bodyMaterial("air", 1., 0.);', "after addBody"),
     ('bodyMaterial("rubber", 4., 0.);', 'bodyMaterial("a", 4., 0.); bodyMaterial("b", 4., 0.);',
      "twice for body 2"),
@@ -67,6 +68,35 @@ def test_regions_still_give_materials(solved, changed, tmp_path):
 def test_misuse_is_refused_in_one_line(solved, changed, old, new, reason):
     run = solved(changed(old, new))
     assert run.status == 2 and reason in run.reason
+
+
+RUBBER = """include "scene.idp"
+units("mm", "MPa");
+body = square(8, 4, [4*x, 2*y]);
+macro young() 3. //
+macro poisson() 0.5 //
+macro planeStress() 1 //
+macro support() on(4, u1 = 0.) + on(1, u2 = 0.) //
+macro load1() pressure(2, 0.2) //
+macro contact() 3 //
+macro gap() 0.02 //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+@pytest.mark.parametrize("material", [
+    "", 'bodyMaterial("rubber", 3., 0.5);'])
+def test_a_thin_body_may_keep_its_volume(solved, named_scene, material, element):
+    """A strip of rubber that widens between walls: E eps_y = sigma_y - nu sigma_x.
+
+    It widens by 0.01 of its width, where without walls it were nu 0.2 / E; sigma_y = -0.07.
+    """
+    text = RUBBER
+    if material:
+        text = text.replace("macro young() 3. //\nmacro poisson() 0.5 //\n", material + "\n")
+    run = solved(named_scene("rubber", text), element=element, subdomains=5, rtol=1e-11)
+    np.testing.assert_allclose(run.contact["sigma_n"], 3 * 0.01 - 0.5 * 0.2, rtol=1e-8)
 
 
 @pytest.mark.parametrize("element", ["P1", "P2"])
