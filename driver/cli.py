@@ -63,8 +63,13 @@ def figures(words: list[str]) -> None:
     """Redraw the figures of finished runs and studies from their files."""
     from .figures.redraw import redraw
 
-    for folder in _finished("figures", words):
-        _list(redraw(folder))
+    drawn = False
+    for folder in (folders := _finished("figures", words)):
+        paths = redraw(folder)
+        drawn |= bool(paths)
+        _list(paths)
+    if not drawn:
+        raise InputError(f"{shown(folders[0])} holds a study without pictures")
 
 
 def report(words: list[str]) -> None:

@@ -1,4 +1,6 @@
-"""Where the machine keeps FreeFEM, Open MPI and PETSc, as Debian packages them."""
+"""The machine: where it keeps FreeFEM, Open MPI and PETSc, as Debian packages them; programs that
+are started and how they end; memory and threads.
+"""
 
 import atexit
 import contextlib

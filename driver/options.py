@@ -141,7 +141,7 @@ RUNS = (
            excludes=("cells", "h", "remesh", "steps", "rtol", "friction_rtol", "primal_rtol",
                      "adapt", "quantity")),
     Option("quantity", text("name"), "", Reader.ESTIMATES, SINGLE,
-           "quantity of interest whose next digits a run names the price of",
+           "quantity of interest of which a run says what higher accuracy costs",
            "the first with a known error that is not 0 and which the loads do not give"),
     Option("without", NAMES, (), EXPORT, (*SINGLE, "study"), "effects of the scene that are "
            "treated as undeclared: friction, gap, load2, quasistatic, ...", "none"),
@@ -180,9 +180,9 @@ SETTINGS = (
     Option("friction_rtol", POSITIVE, 1e-6, SOLVER, SOLVING,
            "fixed point: change of lambda_n over lambda_n; balance of bodies without support"),
     Option("primal_rtol", POSITIVE, 1e-6, SOLVER, SOLVING,
-           "all residuals in summary.json, relative to deformations and forces; where one is "
-           "larger, the step goes on with tighter RTOL and FRICTION_RTOL, and ends with status 4 "
-           "if that does not lower it"),
+           "all residuals in summary.json but equilibrium, relative to deformations and forces; "
+           "where one is larger, the step goes on with tighter RTOL and FRICTION_RTOL, and ends "
+           "with status 4 if that does not lower it"),
     Option("max_fixed_point", whole("a whole number", 1), 100, SOLVER, SOLVING,
            "iterations of the fixed point in a time step"),
     Option("max_products", whole("a whole number", 1), 200_000, SOLVER, SOLVING,

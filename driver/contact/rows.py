@@ -27,13 +27,10 @@ ROUNDING = 1e-13  # relative, of a bound: a pressure is a sum of hundreds of ter
 
 @dataclass(frozen=True)
 class ContactLaw:
-    """Conditions at the contact nodes by the declared effects; None where nothing is declared.
+    """Conditions at the contact nodes by the declared effects: arrays (n_c,)."""
 
-    Arrays of length n_c.
-    """
-
-    coefficient: np.ndarray | None  # of friction
-    offset: np.ndarray | None  # nodal force that the friction bound has without pressure
+    coefficient: np.ndarray | None  # of friction, None where no effect has one
+    offset: np.ndarray | None  # nodal force of the friction bound without pressure, likewise
     bilateral: np.ndarray  # bool: contact pulls as well
 
     def friction_bound(self, pressure: np.ndarray) -> np.ndarray:
@@ -53,11 +50,12 @@ def _affine(coefficient, offset, pressure: np.ndarray) -> np.ndarray:
 class ContactRows:
     """The contact rows a rank owns, as positions in its dual vectors.
 
-    `normal` (k,) with `gap`, `node` and whether contact `pulls` there by its law; `tangential` (j,)
-    with `pair`, the position of the same node's normal row, and `node`. `coefficient` (j,) of
-    friction, and `offset` (j,) of its bound, are None where no declared effect has one. `corners`
-    are vertices with two contact nodes, whose states exclude rows: their multipliers are zero. None
-    where there are none. `idle` are rows of nodes that face nothing, likewise, if any.
+    `normal` (k,) with `normal_node`, `gap` and whether contact `pulls` there by its law;
+    `tangential` (j,) with `tangential_node` and `pair`, the position of the same node's normal row.
+    `coefficient` (j,) of friction, and `offset` (j,) of its bound, are None where no declared
+    effect has one; the march changes both from step to step. `gluing` are the rows of interfaces.
+    `corners` are vertices with two contact nodes, whose states exclude rows: their multipliers are
+    zero. None where there are none. `idle` are rows of nodes that face nothing, likewise, if any.
     """
 
     normal: np.ndarray
@@ -144,8 +142,6 @@ class ContactRows:
 
     def law_bound(self, multipliers: np.ndarray) -> np.ndarray:
         """(j,) the same by the law alone, whatever the states of corners."""
-        if self.coefficient is None:
-            return np.zeros(len(self.tangential)) if self.offset is None else self.offset
         return _affine(self.coefficient, self.offset, multipliers[self.pair])
 
     def states(self, multipliers: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ adds nothing and costs nothing. The FreeFEM part, in which the scene's macros be
 nodal columns and entries of the manifest, has the same file name.
 """
 
+import functools
 import importlib
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -185,11 +186,11 @@ class Effect:
         """Take another geometry of contact, where it follows the motion."""
 
     def carried(self) -> dict[str, np.ndarray]:
-        """Arrays (n_c,) by name, valid at own nodes, for checkpoints; they may grow by cycles."""
+        """Arrays (n_c,) by name, no copies: checkpoints fill them, at nodes as of `step_ends`."""
         return {}
 
     def step_ends(self, nodes: np.ndarray, slip: np.ndarray, force: np.ndarray) -> None:
-        """A step ended: the rank's `nodes` (j,) slid by `slip` (j,) and have normal `force`."""
+        """A step ended: `nodes` (j,) with tangential rows slid by `slip` under normal `force`."""
 
     def no_estimate(self, weights: np.ndarray) -> str:
         """Why the error in the energy norm has no estimate under the pattern factors `weights`."""
@@ -247,7 +248,8 @@ class Effects:
     @property
     def pressure_bounds_friction(self) -> bool:
         """Whether friction depends on the pressure (Coulomb's law): a step is a fixed point."""
-        return "friction" in self
+        none = Effect.friction_coefficient
+        return any(type(room).friction_coefficient is not none for room in self)
 
     @property
     def quantities(self) -> tuple[str, ...]:
@@ -393,8 +395,5 @@ def _first(parts):
 
 def _sum(parts) -> np.ndarray | None:
     """Sum of the arrays that are not None; None if there is none."""
-    total = None
-    for part in parts:
-        if part is not None:
-            total = part if total is None else total + part
-    return total
+    given = [part for part in parts if part is not None]
+    return functools.reduce(np.add, given) if given else None

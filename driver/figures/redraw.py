@@ -23,7 +23,7 @@ TABLES = {  # first column of a study's table: what draws it
 
 
 def redraw(directory: Path) -> list[Path]:
-    """Redraw all that lies in `directory`; returns the files written.
+    """Redraw all that lies in `directory`; returns the files written, of some studies none.
 
     Raises InputError if it holds neither a finished run nor a study.
     """
@@ -36,11 +36,7 @@ def redraw(directory: Path) -> list[Path]:
         raise InputError(f"{directory} holds no finished run and no study: name the directory "
                          "that make run or a study wrote")
     paths = [drawn for path, draw in _tables(directory) for drawn in draw(path)]
-    if (directory / SADDLE).is_file():
-        paths += saddle.draw(directory)
-    if not paths:
-        raise InputError(f"{directory} holds a study without pictures")
-    return paths
+    return paths + (saddle.draw(directory) if (directory / SADDLE).is_file() else [])
 
 
 def finished(place: Path):

@@ -27,6 +27,9 @@ ROUNDED = 1e-14  # part of forces by which they change or stay unbalanced withou
 # material deforms by counts with triangles that are partly soft, its forces with few digits then
 FINER = 0.01
 ACCEPTABLE = 1e-4  # residuals up to which another tolerance is offered: contact forces to 4 digits
+TENTH, BELOW = 0.1, 0.3  # QPs are tightened by that at least, or to so much of what is asked for
+MUCH = 0.01  # by which they are tightened where forces answer to what they leave by stiffness
+IDLE = 0.5  # part of the least residual so far above which tightening has not helped
 NEARLY = 1e-3  # imbalance of bodies without support up to which exacter QPs may settle them
 
 
@@ -48,8 +51,8 @@ class Tightening:
         self.of_qp = outlook.foresight(march.loads, index) if march.largest_friction else 1.0
         self.of_friction = self.of_qp
         self.motion, self.first = self.bodies.place(load), None
-        self.best, self.answer = np.inf, None  # the worst residual over what was asked for, so far
-        self.nearest = np.inf, "", np.inf  # the least of these, its name, the residual
+        self.best, self.answer = np.inf, None  # least so far of worst residuals over what is asked
+        self.nearest = np.inf, "", np.inf  # the same of all tries, its name, the residual
         # answers that will do, as `_kept`: one that a finer one is looked for beyond, and one that
         # what products round off admits
         self.enough = self.rounded = None
@@ -107,7 +110,7 @@ class Tightening:
             failed.error = failed.error if failed.final or not self.why else self.why
             raise failed
         if settles and self.of_qp > LAST_PART:  # forces answer to what QPs leave by stiffness
-            self.of_qp *= 0.01
+            self.of_qp *= MUCH
             self.trace.again()
         else:
             self.stop = failed.error
@@ -135,7 +138,7 @@ class Tightening:
         self.answer = residuals.free_of_forces(load, x) if residuals.faded(x) else None
         excess = {name: value / residuals.asked(name) for name, value in found.items()}
         worst, name = max((value, name) for name, value in excess.items())
-        idle = worst > 0.5 * self.best
+        idle = worst > IDLE * self.best
         if self.answer is None and worst <= 1:
             if self._may_be_finer(worst, idle):
                 self.enough, self.best = self._kept(x, gradient, moved, found), worst
@@ -235,8 +238,8 @@ class Tightening:
         self.find, self.why, self.of_friction = self.condensed, why, 1.0
 
     def _tighten(self, excess: dict[str, float], worst: float, idle: bool) -> None:
-        """Ask the next QPs for what the `worst` residual misses, by at least a tenth."""
-        tighter = min(0.1, 0.3 / worst)
+        """Tighten the next QPs by what the `worst` residual misses, tenfold at least."""
+        tighter = min(TENTH, BELOW / worst)
         self.of_qp *= tighter
         # not QPs alone are to blame: what forces still change by moves stiff parts, too
         if idle or max(excess["gluing"], excess["penetration"]) <= 1:

@@ -128,7 +128,7 @@ def _describe(problem: CoulombProblem, z: np.ndarray, weight: np.ndarray) -> dic
     return {"open": int(np.sum(states <= OPEN)), "stick": int(np.sum(states == STICK)),
             "slip": int(np.sum(states > STICK)), "resultant_n": float(-x[: problem.n].sum()),
             "resultant_t": float(-x[problem.n :].sum()),
-            "peak_pressure": float((x[: problem.n] / weight).max(initial=0)),
+            "largest_nodal_pressure": float((x[: problem.n] / weight).max(initial=0)),
             "index": complementarity.index(problem, z)}
 
 

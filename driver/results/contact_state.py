@@ -182,7 +182,8 @@ class ContactState:
         self._elastic, self._weights, self._before = elastic, weights, moved
         if self.frictional:  # a node constrained tangentially has no row of its own, but a bound
             alone = b.tangential_row < 0
-            values[2, alone] = self._bound(values[0], slip)[alone]
+            self._slide(values[0], slip)
+            values[2, alone] = self._bound(values[0])[alone]
             reach = self._reach(moved, weights)
             self._held = friction_of_held(held, values[2], slip, self._held, reach)
             values[1] += self._held
@@ -196,13 +197,17 @@ class ContactState:
                 ContactField.BOUND: values[2] / b.weight,
                 ContactField.STATUS: values[3].astype(int), JOINTS: joints, HELD: self._held}
 
-    def _bound(self, force: np.ndarray, slip: np.ndarray) -> np.ndarray:
-        """(n_c,) friction bounds of nodes without a row, after a step with this slip (n_c,)."""
+    def _slide(self, force: np.ndarray, slip: np.ndarray) -> None:
+        """A step with this slip under normal forces (n_c,) ends, for a law that depends on it."""
+        if self._slip_law is not None:
+            self._relative = self._relative + slip
+            self._way.add(np.arange(len(slip)), slip, force)
+
+    def _bound(self, force: np.ndarray) -> np.ndarray:
+        """(n_c,) friction bounds under normal forces (n_c,), of nodes without a row."""
         bound = self.law.friction_bound(force)
         if self._slip_law is None:
             return bound
-        self._relative = self._relative + slip
-        self._way.add(np.arange(len(slip)), slip, force)
         return bound * self._slip_law.factor_at(self._relative, self._way.slid)
 
     def _handed_on(self) -> dict[str, np.ndarray]:

@@ -109,7 +109,9 @@ class Summary:
         "verdict": "unique (proved), not unique, no second solution found or not examined",
         "steps_examined": "number of steps that were examined",
         "steps_not_unique": "numbers of the steps",
-        "solutions": "those of the first such step, the one that is followed first"})
+        "solutions": "those of the first such step, the one that is followed first: numbers of "
+        "nodes that are open, stick and slip, resultants, largest nodal pressure, and the index, a "
+        "sign; those of all solutions add up to one"})
     memory_mib: float = entry("largest memory of all ranks together, error estimates "
                               "included", "MiB")
     ranks: int = entry("MPI ranks")

@@ -68,10 +68,10 @@ HISTORY = (
     Column("fixed_point_iterations", "1", "QPs that were solved in the step"),
     Column("dual_multiplications", "1", "products with the dual matrix in the step"),
     Column("contraction", "1",
-           "mean ratio of successive changes of the fixed point; nan if there was one change at "
-           "most, but in the last step"),
-    Column("resultant_n", FORCE, "normal tractions summed over the contact boundary; of several "
-           "boundaries the magnitudes added"),
+           "mean ratio of successive changes of the fixed point; nan in steps of fewer than two "
+           "changes, but for the last step"),
+    Column("resultant_n", FORCE, "normal tractions summed over the contact boundary, negative in "
+           "compression; of several boundaries minus the sum of their magnitudes"),
     Column("resultant_t", FORCE, "shear tractions summed over the contact boundary; of several "
            "boundaries the magnitudes added"),
     Column("load_x", FORCE, "resultant of the loads"),
@@ -81,7 +81,8 @@ HISTORY = (
     Column("contact_x", FORCE, "resultant of the forces of rigid obstacles on the body"),
     Column("contact_y", FORCE, "resultant of the forces of rigid obstacles on the body"),
     *(Column(f"nodes_{name}", "1", f"contact nodes with status {name}") for name in STATUS_NAMES),
-    Column("contact_length", "length", "lengths of the dual segments in contact, summed"),
+    Column("contact_length", "length", "lengths of the dual segments in contact, summed; "
+           "boundaries.csv locates where contact ends"),
     Column("max_displacement", "length", "largest |u| of a node"),
     PEAK,
     Column("dissipated", ENERGY, "work that friction has taken since time 0"),

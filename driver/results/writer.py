@@ -145,23 +145,20 @@ class Writer:
         row |= {f"kkt_{name}": value for name, value in step.residuals.items()}
         return row
 
-    def _contact_rows(self, labelled: bool):
-        """Rows of contact.csv, with the label of the boundary if `labelled`."""
-        b, states = self.contact.boundary, self.record.states
-        worn = WEAR in states
-        nodes = [[repr(float(v)) for v in (*b.xy[i], b.arc[i], b.weight[i])]
-                 for i in range(len(b.gid))]
-        labels = [[label] if labelled else [] for label in b.label]
+    def _contact_rows(self, columns: list[str]):
+        """Rows of contact.csv with these columns."""
+        b, count, record = self.contact.boundary, len(self.contact.boundary.gid), self.record
+        fixed = {"node": range(count), "x": _digits(b.xy[:, 0]), "y": _digits(b.xy[:, 1]),
+                 "arc": _digits(b.arc), "weight": _digits(b.weight), "boundary": b.label}
         for k, row in enumerate(self.history_rows):
-            *values, status = (states[name][k].tolist() for name in ContactField)
-            depth = [[repr(value)] for value in states[WEAR][k].tolist()] if worn else [[]] * len(
-                status)
-            gap = self.record.gaps[k].tolist()
-            normal = (self.record.normals[k] if self.record.normals else b.normal).tolist()
-            for i, quantities in enumerate(zip(*values)):
-                yield [row["step"], repr(row["time"]), i, *nodes[i], *map(repr, normal[i]),
-                       repr(gap[i]),
-                       *map(repr, quantities), STATUS_NAMES[status[i]], *depth[i], *labels[i]]
+            normal = record.normals[k] if record.normals else b.normal
+            status = record.states[ContactField.STATUS][k].tolist()
+            table = {**fixed, "step": [row["step"]] * count, "time": [repr(row["time"])] * count,
+                     "normal_x": _digits(normal[:, 0]), "normal_y": _digits(normal[:, 1]),
+                     "gap": _digits(record.gaps[k])}
+            table |= {name: _digits(values[k]) for name, values in record.states.items()}
+            table[ContactField.STATUS] = [STATUS_NAMES[code] for code in status]
+            yield from zip(*(table[name] for name in columns))
 
     def _write_tables(self) -> None:
         """On rank 0."""
@@ -169,7 +166,7 @@ class Writer:
         if len(self.contact.boundary.gid):
             more = ([WORN] if WEAR in self.record.states else []) + ([LABEL] if labelled else [])
             columns = header((*CONTACT, *more))
-            write_rows(self.directory / "contact.csv", columns, self._contact_rows(labelled))
+            write_rows(self.directory / "contact.csv", columns, self._contact_rows(columns))
             write_rows(self.directory / "boundaries.csv", header(BOUNDARIES),
                        (row.values() for row in self.boundary_rows))
         if self.history_rows:
@@ -189,6 +186,11 @@ class Writer:
         write_rows(self.directory / "convergence.csv", header(CONVERGENCE), self.solver.history.log)
         if self.fields is not None and self.fields.steps:
             self.fields.write_collections()
+
+
+def _digits(values: np.ndarray) -> list[str]:
+    """All digits of numbers (n,)."""
+    return [repr(value) for value in values.tolist()]
 
 
 def _probes(manifest: Manifest, operator: DualOperator, effects):

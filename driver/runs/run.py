@@ -64,7 +64,7 @@ class Run:
         if given["animate"] and not given["fields"]:
             raise InputError("ANIMATE=yes needs the fields: leave FIELDS=no out")
         if given["quantity"] and given["errors"] != "yes":
-            raise InputError(f"QUANTITY names what errors are estimated of, which "
+            raise InputError("QUANTITY needs estimates of errors, which "
                              f"ERRORS={given['errors']} leaves out: leave one of them out")
         searched = given["adapt"] or given["accuracy"]
         if "estimator" in given.settings and given["errors"] == "no" and not searched:

@@ -7,8 +7,8 @@ import pytest
 from mpi4py import MPI
 
 from driver.contact.motion import ObstacleMotion
-from driver.effects import (Effects, compliance_exponent, cycles, large_sliding, normal_compliance,
-                            probe, slip_law, springs, tie, wear)
+from driver.effects import (Effect, Effects, compliance_exponent, cycles, large_sliding,
+                            normal_compliance, probe, slip_law, springs, tie, wear)
 from driver.errors import InputError
 from driver.march.closure import Closure
 
@@ -24,6 +24,22 @@ def law(**changes) -> slip_law.Room:
     level.at = lambda time: level
     room.prepare(level)
     return room
+
+
+def test_a_bound_by_pressure_is_known_by_what_a_law_gives():
+    """Not by its name: a step is a fixed point, and energy's bound leaves something out."""
+    class Sticky(Effect):
+        """A law of pressure that is not `friction`."""
+
+        def friction_coefficient(self, contact):
+            return np.full(len(contact.gid), 0.3)
+
+    effects = Effects(SimpleNamespace(rooms={}, patterns=[], bodies=1, contact_labels=[],
+                                      quasistatic=False))
+    assert not effects.pressure_bounds_friction
+    manifest = SimpleNamespace(rooms={"sticky": {}}, patterns=[])
+    effects.rooms["sticky"] = Sticky("sticky", manifest)
+    assert effects.pressure_bounds_friction
 
 
 def test_slip_accumulates_whatever_its_direction():

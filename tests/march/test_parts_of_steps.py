@@ -587,7 +587,7 @@ def test_solutions_are_told_exactly_in_any_unit(unit):
         assert len(others) == 2
         assert first["resultant_n"] == pytest.approx(-z[0], rel=1e-9)
         assert first["resultant_t"] == pytest.approx(-z[1], rel=1e-9)
-        assert first["peak_pressure"] == pytest.approx(z[0] / 2.0, rel=1e-9)
+        assert first["largest_nodal_pressure"] == pytest.approx(z[0] / 2.0, rel=1e-9)
         assert sum(of["index"] for of in found.several[7]) == 1
         # beside forces of which all that there are is rounding
         found.several.clear()

@@ -6,6 +6,7 @@ import statistics
 
 import pytest
 
+from driver import cli, options
 from driver.environment import ROOT
 from driver.errors import InputError
 from driver.figures import coverage as coverage_figure, prices as prices_figure, redraw
@@ -97,3 +98,18 @@ def test_pictures_of_claims_and_prices_are_drawn_again(tmp_path, name):
     shutil.copy(REFERENCE.with_stem(name), folder)
     assert list(redraw.finished(tmp_path)) == [folder]
     assert folder / f"{name}.png" in redraw.redraw(folder)
+
+
+def test_a_study_without_pictures_is_passed_over(tmp_path, monkeypatch, capsys):
+    """Such as a benchmark of one part, which had ended `make figures`; asked for alone it says so.
+    """
+    for name, table in (("bench", "part,name,value,unit,target\n"),
+                        ("coverage", REFERENCE.read_text())):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / STUDY).touch()
+        (tmp_path / name / f"{name}.csv").write_text(table)
+    monkeypatch.setattr(options, "RESULTS", tmp_path)
+    cli.figures([])
+    assert "coverage.png" in capsys.readouterr().out
+    with pytest.raises(InputError, match="bench holds a study without pictures"):
+        cli.figures([str(tmp_path / "bench")])
