@@ -1,8 +1,7 @@
-"""The machine: where it keeps FreeFEM, Open MPI and PETSc, as Debian packages them; programs that
-are started and how they end; memory and threads.
+"""The machine: where it keeps FreeFEM, Open MPI and PETSc, as Debian packages them; how signals
+end this process; memory and threads.
 """
 
-import atexit
 import contextlib
 import ctypes
 import importlib.util
@@ -12,9 +11,7 @@ import re
 import resource
 import shutil
 import signal
-import subprocess
 import sys
-import tempfile
 import threading
 import warnings
 from pathlib import Path
@@ -29,19 +26,11 @@ PETSC_ROOM = 150 * 2**20  # bytes of address space that PETSc, MPI and their lib
 PETSC = Path("/usr/lib/petsc")  # where Debian's alternatives may have it
 OPEN_FILES = 256  # that MPI, FreeFEM and matplotlib may need to have open together
 AGAIN = 0.01  # seconds after which a lost interrupt comes once more
-LOOK_AGAIN = 0.01  # seconds between two looks at what a child has come to
-PATIENCE = 10  # seconds that an interrupted child has to end by itself
 # Open MPI looks for fast networks and starts a daemon even for a single process, which takes longer
 # than a small run; without the daemon such processes would share one directory
 ALONE = {"OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "self", "OMPI_MCA_ess_singleton_isolated": "1",
          "OMPI_MCA_orte_create_session_dirs": "0"}
 LEFT_BEHIND = ("OMPI_MCA_ess", "OMPI_MCA_pmix")  # what it then sets itself in the environment
-HOST_FILE = "OMPI_MCA_orte_default_hostfile"  # Open MPI's own name of the file of hosts
-OWN_PLACE = "orte_tmpdir_base"  # Open MPI's own name of the place of what it keeps while it runs
-HOSTS_KNOWN = (HOST_FILE, "SLURM_JOB_ID")  # set where ranks may start on other hosts
-# of the environment to ranks on other hosts, besides Open MPI's own settings
-HANDED_ON = re.compile("PATH|LD_LIBRARY_PATH|EXPORT_DIRECTORY|SIZE_FIELD|"
-                       "(PYTHON|PETSC|OMP_|OPENBLAS_|FF_|DRIVER_).*")
 LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "SLURM_PROCID")  # set by launchers
 EVERY_STEP = "DRIVER_EVERY_STEP"  # set where each step is to be printed, not some of them
 SET_UP = "run 'make setup' (apt packages: see apt-packages.txt)"
@@ -263,14 +252,6 @@ def _ask_for(size: int) -> None:
         raise MemoryError from None
 
 
-def program(name: str) -> str:
-    """Full path of a program. Raises InputError if it is not installed."""
-    path = shutil.which(name)
-    if not path:
-        raise InputError(f"{name} is not installed; {SET_UP}")
-    return path
-
-
 def package_error(problem: ImportError) -> InputError:
     """The error for a Python package that is missing or cannot be loaded, as with little memory."""
     if isinstance(problem, ModuleNotFoundError):
@@ -280,119 +261,3 @@ def package_error(problem: ImportError) -> InputError:
         return InputError(f"the Python package {problem.name} is not installed; {SET_UP}{remedy}")
     words = " ".join(str(problem).split())
     return file_error(problem, f"a Python package cannot be loaded: {words}")
-
-
-def several_hosts() -> bool:
-    """Whether ranks may start on other hosts than this one."""
-    return any(name in os.environ for name in HOSTS_KNOWN)
-
-
-def mpirun(ranks: int, env: dict[str, str] | None = None) -> list[str]:
-    """Command prefix that starts `ranks` processes, more than cores if asked; they end with it.
-
-    `env` is the environment that mpirun will have; ranks on other hosts get what they need of it.
-    Raises InputError if mpirun is not installed or has no place to work in.
-    """
-    start = [program("mpirun"), "--oversubscribe", "--bind-to", "none"]
-    if several_hosts():  # where it would leave a place of its own behind on each
-        start += [word for name in filter(HANDED_ON.fullmatch, env or ()) for word in ("-x", name)]
-    else:
-        start += ["--mca", OWN_PLACE, place_of_mpirun()]
-    return [*start, "-n", str(ranks), *end_with_parent("KILL")]
-
-
-def end_with_parent(signal_name: str) -> list[str]:
-    """Command prefix of a process that gets a signal when its parent ends, unless that ends in the
-    first milliseconds.
-
-    Raises InputError if util-linux, which every Debian has, is not installed.
-    """
-    return [program("setpriv"), "--pdeathsig", signal_name]
-
-
-def place_of_mpirun() -> str:
-    """A new directory for what one mpirun keeps while it runs, gone when this process ends.
-
-    Left to themselves all of a user share one that the last of them removes; one that starts at
-    that moment fails (Open MPI issue 8510: here one of 1,500, two at a time). So do two that make
-    it at one moment, as FreeFEM's and the solver's of one run: one of 100. Raises InputError.
-    """
-    try:
-        place = tempfile.mkdtemp(prefix="driver-mpi-")
-    except OSError as problem:
-        raise file_error(problem, "mpirun has no place for temporary files: "
-                                  f"{problem.strerror}") from None
-    atexit.register(shutil.rmtree, place, ignore_errors=True)
-    return place
-
-
-def run_child(command: list[str], meanwhile=lambda: None, **options) -> subprocess.CompletedProcess:
-    """subprocess.run whose child ends with this process, however that ends.
-
-    Calls `meanwhile` while it runs, again and again as long as that returns True. Raises InputError
-    if the program cannot be started.
-    """
-    with started(command, stdin=subprocess.DEVNULL, **options) as child:
-        while meanwhile():
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                output, errors = child.communicate(timeout=LOOK_AGAIN)
-                break
-        else:
-            output, errors = child.communicate()
-    return subprocess.CompletedProcess(command, child.returncode, output, errors)
-
-
-@contextlib.contextmanager
-def started(command: list[str], **options):
-    """A child that ends with this process, however that ends, or with a block that an error ends.
-
-    On an interrupt mpirun has the time to stop its ranks and clean up. Raises InputError if the
-    program cannot be started.
-    """
-    # as with threads and MPI it takes 50 ms to fork, for which Python's preexec_fn would ask
-    try:
-        child = subprocess.Popen([*end_with_parent("TERM"), *command], **options)
-    except OSError as problem:
-        message = f"{command[0]} cannot be started: {problem.strerror}"
-        raise file_error(problem, message) from None
-    with child:
-        try:
-            yield child
-        except BaseException:
-            _stop(child)
-            raise
-
-
-def _stop(child: subprocess.Popen) -> None:
-    for number, patience in ((signal.SIGTERM, PATIENCE), (signal.SIGKILL, None)):
-        child.send_signal(number)
-        try:
-            child.wait(patience)
-            return
-        except subprocess.TimeoutExpired:
-            continue
-
-
-def python_path() -> str:
-    """PYTHONPATH of child processes: they find this package, whatever directory they work in."""
-    return os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
-
-
-def child_environment(parallel: bool = False, element: str = "P1") -> dict[str, str]:
-    """Environment of child processes: FreeFEM, which uses an `element` of the library, and MPI.
-
-    FreeFEM looks for its includes and plugins where the package does not put them. Open MPI refuses
-    to start as root without two settings, looks for fast networks for a quarter of a second, and
-    lets waiting ranks keep a core busy that others could use. Between hosts a fast network counts.
-    """
-    env = {**os.environ, "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
-    if not several_hosts():
-        env.setdefault("OMPI_MCA_pml", "ob1")
-    env.setdefault("OMPI_MCA_mpi_yield_when_idle", "1")
-    own = [LIBRARY, LIBRARY / ("mpi" if parallel else "serial"), LIBRARY / element]
-    includes = [*map(str, own), env.get("FF_INCLUDEPATH"), "/usr/include/freefem++/idp"]
-    plugins = ["/usr/lib/freefem++/mpi" if parallel else None, env.get("FF_LOADPATH"),
-               "/usr/lib/freefem++"]
-    env.update(DRIVER_LIBRARY=str(LIBRARY), FF_INCLUDEPATH=";".join(filter(None, includes)),
-               FF_LOADPATH=";".join(filter(None, plugins)))
-    return env

@@ -28,7 +28,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from driver import environment
+from driver import children, environment
 
 for allotted in ("PBS_NODEFILE", "SLURM_JOB_ID"):  # tests say themselves how many ranks they take
     os.environ.pop(allotted, None)
@@ -326,7 +326,7 @@ def command():
     """command(*words, **environment): the command line as a user's shell runs it."""
 
     def call(*words, cwd=environment.ROOT, **changes) -> subprocess.CompletedProcess:
-        env = {**os.environ, "PYTHONPATH": environment.python_path(), **changes}
+        env = {**os.environ, "PYTHONPATH": children.python_path(), **changes}
         return subprocess.run([sys.executable, "-m", "driver", *map(str, words)], cwd=cwd, env=env,
                               text=True, stdin=subprocess.DEVNULL, capture_output=True,
                               timeout=300, check=False)

@@ -119,9 +119,9 @@ contexts = Contexts()
 
 def _follow_freefem() -> None:
     """Note which files of the library processes of FreeFEM read, by the times of access."""
-    from driver import environment
+    from driver import children
 
-    run_child = environment.run_child
+    run_child = children.run_child
 
     def run(*words, **options):
         for path in LIBRARY:
@@ -132,7 +132,7 @@ def _follow_freefem() -> None:
             contexts.read[contexts.stack[-1]] |= {path for path in LIBRARY
                                                   if path.stat().st_atime_ns > 0}
 
-    environment.run_child = run
+    children.run_child = run
 
 
 def _follow_children() -> None:

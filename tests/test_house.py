@@ -181,7 +181,7 @@ def test_public_names_have_docstrings():
 
 FRONT = """
 import importlib, pkgutil, sys
-from driver import cli, environment
+from driver import children, cli, environment
 from driver.runs import launch
 
 def freefem(*_, **__):
@@ -195,7 +195,7 @@ def petsc():
     print(*sys.modules)
     sys.exit()
 
-environment.run_child, environment.start_petsc = freefem, petsc
+children.run_child, environment.start_petsc = freefem, petsc
 sys.argv[0] = "driver"
 cli.main()
 """

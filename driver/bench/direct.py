@@ -8,7 +8,7 @@ positive matrix. Contact and friction are left out.
 import re
 from pathlib import Path
 
-from .. import environment
+from .. import children
 from ..errors import InputError
 from ..scene import declarations
 
@@ -95,8 +95,8 @@ def command(scene: Path, element: str, h: float, folder: Path,
     declarations.write(folder)
     script = folder / "direct.edp"
     script.write_text(text(scene, element))
-    env = environment.child_environment()
+    env = children.child_environment()
     env |= {"EXPORT_DIRECTORY": str(folder), "SIZE_FIELD": "",
             "FF_INCLUDEPATH": f"{folder.absolute()};{env['FF_INCLUDEPATH']}"}
-    return ([environment.program("FreeFem++"), "-nw", "-ns", "-v", "0", str(script), "-export",
+    return ([children.program("FreeFem++"), "-nw", "-ns", "-v", "0", str(script), "-export",
              str(folder), "-h", str(h), "-counted", "1", *words], {"env": env, "cwd": scene.parent})

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import environment
+from .. import children, environment
 from ..scene import freefem
 from ..files import write_rows
 from ..options import Settings
@@ -166,7 +166,7 @@ def ratios(over: list[float], under: list[float]) -> list[float]:
 def child(command: list[str], env: dict | None = None,
           cwd: Path = environment.ROOT) -> tuple[float, float]:
     """Wall seconds and peak memory (MiB) of a process. Raises RuntimeError if it fails."""
-    env = {**(env or environment.child_environment()), "PYTHONPATH": environment.python_path()}
+    env = {**(env or children.child_environment()), "PYTHONPATH": children.python_path()}
     # options of `make bench` are not the child's; compiled modules are kept, as those of installed
     # packages are
     for name in ("MAKEFLAGS", "MAKEOVERRIDES", "MFLAGS", "MAKELEVEL", "PYTHONDONTWRITEBYTECODE"):
@@ -188,7 +188,7 @@ def on_ranks(bench: Workbench, export: Path, ranks: int, repeats: int,
     out = bench.folder / ".runs.json"
     command = [sys.executable, "-m", "driver.bench.rank",
                str(export), str(out), str(repeats), *settings]
-    child([*environment.mpirun(ranks), *command] if ranks > 1 else command)
+    child([*children.mpirun(ranks), *command] if ranks > 1 else command)
     runs = json.loads(out.read_text())
     out.unlink()
     return runs

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from .. import environment
+from .. import children, environment
 from ..files import read_table
 
 # of every run unless a case says otherwise: errors shall be the method's, not the user's
@@ -122,7 +122,7 @@ def run_command(words: list[str], directory: Path, limit: float, prefix: list[st
     """
     for earlier in (directory, directory.with_name(f"{directory.name}-unconverged")):
         shutil.rmtree(earlier, ignore_errors=True)
-    env = {**os.environ, "PYTHONPATH": environment.python_path(), **changes}
+    env = {**os.environ, "PYTHONPATH": children.python_path(), **changes}
     clock = time.perf_counter()
     with subprocess.Popen([*prefix, sys.executable, "-m", "driver", *words], cwd=environment.ROOT,
                           env=env, text=True, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,

@@ -13,7 +13,8 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from ..environment import ROOT, program, python_path
+from ..children import program, python_path
+from ..environment import ROOT
 from ..march.checkpoint import NAME
 from ..options import OF_RUNS
 from ..runs.request import Request

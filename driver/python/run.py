@@ -11,7 +11,7 @@ import tempfile
 import threading
 from pathlib import Path
 
-from .. import environment
+from .. import children, environment
 from ..environment import EVERY_STEP
 from ..errors import InputError, error_of
 from ..options import RESULTS
@@ -56,7 +56,7 @@ def _text(value) -> str:
 def _execute(words: list[str], name: str, progress: bool) -> tuple[int, str, str]:
     """Exit status, output and errors of `python3 -m driver run` with these words."""
     command = [environment.interpreter(), "-m", "driver", "run", *words]
-    env = {**os.environ, "PYTHONPATH": environment.python_path(), EVERY_STEP: "yes"}
+    env = {**os.environ, "PYTHONPATH": children.python_path(), EVERY_STEP: "yes"}
     lines, (reading, writing) = [], os.pipe()
     with tempfile.TemporaryFile("w+", errors="replace") as errors:
         reader = threading.Thread(target=_follow, args=(reading, lines, name, progress))
@@ -65,7 +65,7 @@ def _execute(words: list[str], name: str, progress: bool) -> tuple[int, str, str
             os.close(writing)  # the child has its own; the reader ends with it
             reader.start()
 
-        done = environment.run_child(command, started, env=env, stdout=writing, stderr=errors)
+        done = children.run_child(command, started, env=env, stdout=writing, stderr=errors)
         reader.join()
         errors.seek(0)
         return done.returncode, "".join(lines), errors.read()

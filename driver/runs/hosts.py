@@ -14,7 +14,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from .. import environment
+from .. import children, environment
 from ..errors import InputError, file_error
 from ..options import CORES, RANKS_PER_CORE
 
@@ -71,7 +71,7 @@ def _given(file: Path | None) -> Hosts | None:
 
 def _named(entries: list[tuple[str, int]], file: Path, source: str) -> Hosts:
     """Tell Open MPI of the file with these entries."""
-    os.environ[environment.HOST_FILE] = str(file.absolute())
+    os.environ[children.HOST_FILE] = str(file.absolute())
     for name, value in PATIENT.items():
         if name != "OMPI_MCA_plm_rsh_args" or "OMPI_MCA_plm_rsh_agent" not in os.environ:
             os.environ.setdefault(name, value)
@@ -122,15 +122,15 @@ def check(directory: Path, ranks: int) -> None:
 
     A directory of one host alone would end in errors of missing files. Raises InputError.
     """
-    if ranks == 1 or not environment.several_hosts():
+    if ranks == 1 or not children.several_hosts():
         return
     token = directory / TOKEN
     token.touch()
     needed = [environment.ROOT / "driver" / "cli.py", Path(sys.executable),
-              Path(environment.program("FreeFem++-mpi")), Path(environment.program("setpriv"))]
-    command = [environment.program("mpirun"), "--npernode", "1", "sh", "-c", LOOK, "sh",
+              Path(children.program("FreeFem++-mpi")), Path(children.program("setpriv"))]
+    command = [children.program("mpirun"), "--npernode", "1", "sh", "-c", LOOK, "sh",
                str(directory), *map(str, needed)]
-    done = environment.run_child(command, env=environment.child_environment(), text=True,
+    done = children.run_child(command, env=children.child_environment(), text=True,
                                  stdout=subprocess.PIPE, stderr=subprocess.PIPE, errors="replace")
     token.unlink()
     if done.returncode:

@@ -14,7 +14,7 @@ import sys
 import time
 from pathlib import Path
 
-from .. import environment
+from .. import children, environment
 from ..errors import Defect, DriverError, InputError, defect_line, kept
 from ..options import CORES
 from ..scene.manifest import Manifest, announced
@@ -105,10 +105,10 @@ class Ranks(contextlib.ExitStack):
     def _start(self) -> None:
         """Start the ranks, unless they run; they wait until their input ends."""
         if self._child is None:
-            env = {**environment.child_environment(), "PYTHONPATH": environment.python_path()}
-            command = [*environment.mpirun(self.number, env), sys.executable, "-m", "driver",
+            env = {**children.child_environment(), "PYTHONPATH": children.python_path()}
+            command = [*children.mpirun(self.number, env), sys.executable, "-m", "driver",
                        "solve", self.stage.__name__, str(self.work)]
-            self._child = self.enter_context(environment.started(
+            self._child = self.enter_context(children.started(
                 command, env=env, stdin=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
                 errors="replace"))
             self.callback(self._dismiss)
@@ -120,7 +120,7 @@ class Ranks(contextlib.ExitStack):
         """
         if not self._child.stdin.closed:
             with contextlib.suppress(subprocess.TimeoutExpired):
-                self._child.communicate(timeout=environment.PATIENCE)
+                self._child.communicate(timeout=children.PATIENCE)
 
     def _answer(self) -> tuple[int, str]:
         """Let the ranks begin, which the end of their input tells them; what they come to."""
@@ -185,7 +185,7 @@ def _why_it_died(done: subprocess.CompletedProcess) -> str:
               if line.startswith("error: ")]
     if errors:
         return errors[0]
-    if environment.several_hosts():
+    if children.several_hosts():
         return f"{hosts.lost(done.stderr)} was lost: it is down or a rank there was killed"
     if done.returncode in (-signal.SIGKILL, 128 + signal.SIGKILL):
         return "a rank of the solver was killed; was there enough memory?"

@@ -6,7 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from .. import environment
+from .. import children
 
 BARE = {"figures": "no", "fields": "no", "quiet": "yes"}  # options of runs of studies
 
@@ -17,11 +17,11 @@ def run_alone(pairs: dict) -> tuple[int, dict | str]:
 
     It ends with this process. Raises InputError if it cannot be started.
     """
-    done = environment.run_child(
+    done = children.run_child(
         [sys.executable, "-m", "driver", "run",
          *(f"{name.upper()}={value}" for name, value in pairs.items())],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        env={**os.environ, "PYTHONPATH": environment.python_path()})
+        env={**os.environ, "PYTHONPATH": children.python_path()})
     if done.returncode:
         return done.returncode, done.stderr.strip() or f"exit status {done.returncode}"
     return 0, json.loads((Path(pairs["out"]) / "summary.json").read_text())

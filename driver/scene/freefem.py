@@ -4,7 +4,7 @@ import contextlib
 import subprocess
 from pathlib import Path
 
-from .. import environment
+from .. import children, environment
 from ..errors import InputError
 from ..text import near
 from . import compared, declarations, element_kinds, explain, grammar, rooms, script, seal, size
@@ -146,17 +146,17 @@ def _run(program: Path, scene: Path, directory: Path, parameters: dict[str, str]
     def start(ranks: int, meanwhile=nothing, traced: bool = False,
               given=parameters) -> subprocess.CompletedProcess:
         declarations.write(directory, without, traced)
-        env = environment.child_environment(ranks > 1, element)
+        env = children.child_environment(ranks > 1, element)
         # for shells that FreeFEM starts (gmsh.idp)
         env |= {"EXPORT_DIRECTORY": str(directory), "SIZE_FIELD": parameters.get("sizes", "")}
         env["FF_INCLUDEPATH"] = f"{directory.absolute()};{env['FF_INCLUDEPATH']}"
-        command = [environment.program("FreeFem++")]
+        command = [children.program("FreeFem++")]
         if ranks > 1:
-            command = [*environment.mpirun(ranks, env), environment.program("FreeFem++-mpi")]
+            command = [*children.mpirun(ranks, env), children.program("FreeFem++-mpi")]
         command += ["-nw", "-ns", "-v", "0", str(program), "-export", str(directory)]
         command += [word for name, value in given.items()
                     for word in (f"-{spelled.get(name, name)}", value)]
-        return environment.run_child(command, meanwhile, env=env, stdout=subprocess.PIPE,
+        return children.run_child(command, meanwhile, env=env, stdout=subprocess.PIPE,
                                      stderr=subprocess.STDOUT, text=True, errors="replace",
                                      cwd=scene.parent)
 

@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from driver import environment
+from driver import children, environment
 
 SCRIPT = """
 import sys
@@ -142,8 +142,8 @@ def program(tmp_path_factory):
     script.write_text(SCRIPT)
 
     def run(ranks: int, *exports) -> None:
-        env = {**environment.child_environment(), "PYTHONPATH": environment.python_path()}
-        done = subprocess.run([*environment.mpirun(ranks), sys.executable, script, *exports],
+        env = {**children.child_environment(), "PYTHONPATH": children.python_path()}
+        done = subprocess.run([*children.mpirun(ranks), sys.executable, script, *exports],
                               env=env, text=True, capture_output=True, timeout=300)
         assert done.returncode == 0, done.stderr[-3000:]
         assert done.stdout.count("same") == ranks

@@ -12,7 +12,7 @@ from small_scenes import halved
 from mpi4py import MPI
 from driver.hard.oracle import Assembled
 
-from driver import environment
+from driver import children, environment
 from driver.feti import numbering, reduction
 from driver.feti.dirichlet import DirichletPreconditioner, _inverse
 from driver.feti.dual_problem import DualProblem
@@ -661,8 +661,8 @@ def test_any_split_gives_the_same_bits(exported, tmp_path):
     cases = [exported(), exported(subdomains="7", cells=4), exported(subdomains="2x1", cells=4)]
     answers = {}
     for ranks in (1, 2, 3):  # 3 ranks on 2 subdomains: one has none
-        env = {**environment.child_environment(), "PYTHONPATH": environment.python_path()}
-        done = subprocess.run([*environment.mpirun(ranks), sys.executable, script, *cases],
+        env = {**children.child_environment(), "PYTHONPATH": children.python_path()}
+        done = subprocess.run([*children.mpirun(ranks), sys.executable, script, *cases],
                               env=env, text=True,
                               capture_output=True, timeout=120)
         assert done.returncode == 0, done.stderr[-2000:]

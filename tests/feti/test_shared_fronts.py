@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from driver import environment
+from driver import children, environment
 from driver.feti import elimination_tree
 from driver.feti.elimination_tree import EliminationTree
 from driver.feti.fronts import GluingElimination
@@ -70,8 +70,8 @@ def test_any_number_of_ranks_makes_the_same_fronts(tmp_path, exported, ranks):
                exported("mindlin-bodies", subdomains="11")]
     script = tmp_path / "ranks.py"
     script.write_text(SCRIPT)
-    env = {**environment.child_environment(), "PYTHONPATH": environment.python_path()}
-    done = subprocess.run([*environment.mpirun(ranks), sys.executable, script, *exports],
+    env = {**children.child_environment(), "PYTHONPATH": children.python_path()}
+    done = subprocess.run([*children.mpirun(ranks), sys.executable, script, *exports],
                           env=env, text=True, capture_output=True, timeout=300)
     assert done.returncode == 0, done.stderr[-3000:]
     assert done.stdout.count("same") == ranks

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import driver
-from driver import environment
+from driver import children, environment
 from driver.files import read_table
 from driver.python import run as runner
 
@@ -162,7 +162,7 @@ def test_importing_is_cheap_and_running_starts_no_petsc(tmp_path):
             "assert not {'petsc4py', 'mpi4py'} & set(sys.modules)\n")
     clock = time.perf_counter()
     subprocess.run([sys.executable, "-c", code], check=True, timeout=120,
-                   env={**os.environ, "PYTHONPATH": environment.python_path()})
+                   env={**os.environ, "PYTHONPATH": children.python_path()})
     assert time.perf_counter() - clock < 100
 
 
@@ -178,7 +178,7 @@ def test_the_script_of_the_documents_does_what_it_says(tmp_path):
         "float(line.get_label()[4:]))))))"
     done = subprocess.run([sys.executable, "-c", code + check], cwd=tmp_path, text=True,
                           capture_output=True, check=True, timeout=300,
-                          env={**os.environ, "PYTHONPATH": environment.python_path(),
+                          env={**os.environ, "PYTHONPATH": children.python_path(),
                                "MPLBACKEND": "agg"})
     off = list(map(float, done.stdout.split()))
     assert len(off) == 4 and max(off) < 1e-3

@@ -9,7 +9,7 @@ import meshio
 import numpy as np
 import pytest
 
-from driver import environment
+from driver import children, environment
 from driver.contact.states import ContactField
 from driver.files import read_fields, read_table
 from driver.results import contact_lines
@@ -275,8 +275,8 @@ def test_pieces_hold_what_one_file_does_whoever_writes_them(exported, tmp_path, 
     """Several ranks write byte for byte the files of one; together they are those of one file."""
     script = tmp_path / "pieces.py"
     script.write_text(PIECES)
-    env = {**environment.child_environment(), "PYTHONPATH": environment.python_path()}
-    done = subprocess.run([*environment.mpirun(ranks), sys.executable, script,
+    env = {**children.child_environment(), "PYTHONPATH": children.python_path()}
+    done = subprocess.run([*children.mpirun(ranks), sys.executable, script,
                            exported(scene, **options), tmp_path], env=env, text=True,
                           capture_output=True, timeout=120)
     assert done.returncode == 0, done.stderr[-3000:]

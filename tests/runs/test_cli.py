@@ -16,7 +16,7 @@ import meshio
 import numpy as np
 import pytest
 
-from driver import environment
+from driver import children, environment
 from driver.march import checkpoint
 
 FAST = ("CELLS=2", "SUBDOMAINS=2x1", "STEPS=2", "FIGURES=no", "FIELDS=no", "ERRORS=no")
@@ -544,7 +544,7 @@ def test_children_of_a_job_in_the_background_end_with_it(tmp_path):
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         with pytest.raises(KeyboardInterrupt):
-            environment.run_child(["sh", "-c", script], interrupt, cwd=tmp_path)
+            children.run_child(["sh", "-c", script], interrupt, cwd=tmp_path)
     finally:
         signal.signal(signal.SIGINT, before)
     assert (tmp_path / "ended").exists()

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from driver import cli, environment
+from driver import children, cli, environment
 from driver.errors import InputError
 from driver.estimates import alternatives, companions, prices
 from driver.march import checkpoint
@@ -479,7 +479,7 @@ STUDIES = [("effects", "SCENE=patch"), ("accuracy", "SCENE=patch", "EFFORT=quick
 @pytest.mark.parametrize("words", STUDIES, ids=lambda words: "-".join(words[:2]))
 def test_a_study_leaves_what_is_no_study_alone(command_here, tmp_path, monkeypatch, words):
     """Before FreeFEM starts: folders that are named as its own, tables of somebody else."""
-    monkeypatch.setattr(environment, "run_child", None)  # nothing can be started
+    monkeypatch.setattr(children, "run_child", None)  # nothing can be started
     out = tmp_path / "mine"
     (out / "runs").mkdir(parents=True)
     (out / "runs" / "thesis.txt").write_text("years of work")

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from driver import environment
+from driver import children, environment
 from driver.errors import InputError
 from driver.runs import hosts
 
@@ -217,7 +217,7 @@ def test_a_host_that_cannot_be_reached_is_said(cluster):
 @pytest.fixture(autouse=True)
 def _own_environment(monkeypatch):
     """What is told to Open MPI is forgotten after the test, and no batch system has allotted."""
-    for name in (environment.HOST_FILE, "PBS_NODEFILE", "SLURM_JOB_ID", *hosts.PATIENT):
+    for name in (children.HOST_FILE, "PBS_NODEFILE", "SLURM_JOB_ID", *hosts.PATIENT):
         monkeypatch.setenv(name, "")
         monkeypatch.delenv(name)
 
@@ -227,17 +227,17 @@ def test_the_slots_of_a_file_are_the_ranks(tmp_path):
     file.write_text("# all of them\nnode-1.cluster slots=4\n\nnode-2  slots = 2 # half\n10.0.0.7\n")
     assert hosts.use(file, None) == 7
     assert hosts.use(file, 3) == 3
-    assert os.environ[environment.HOST_FILE] == str(file)
-    assert environment.several_hosts()
-    prefix = environment.mpirun(3, {"FF_LOADPATH": "a;b", "HOME": "/"})
+    assert os.environ[children.HOST_FILE] == str(file)
+    assert children.several_hosts()
+    prefix = children.mpirun(3, {"FF_LOADPATH": "a;b", "HOME": "/"})
     assert prefix[prefix.index("-x") + 1] == "FF_LOADPATH" and "HOME" not in prefix
 
 
 def test_this_host_alone_has_one_rank_and_keeps_its_settings():
     assert hosts.use(None, None) is None and hosts.use(None, 2) == 2
-    assert environment.HOST_FILE not in os.environ
-    assert environment.child_environment()["OMPI_MCA_pml"] == "ob1"
-    assert "-x" not in environment.mpirun(2, dict(os.environ))
+    assert children.HOST_FILE not in os.environ
+    assert children.child_environment()["OMPI_MCA_pml"] == "ob1"
+    assert "-x" not in children.mpirun(2, dict(os.environ))
 
 
 @pytest.mark.parametrize("text, message", [
@@ -273,7 +273,7 @@ def test_more_ranks_than_could_start_are_refused(tmp_path):
 def test_slurms_tasks_are_the_ranks(monkeypatch):
     monkeypatch.setenv("SLURM_JOB_ID", "7")
     monkeypatch.setenv("SLURM_NTASKS", "5")
-    assert hosts.use(None, None) == 5 and environment.several_hosts()
+    assert hosts.use(None, None) == 5 and children.several_hosts()
     monkeypatch.setenv("SLURM_NTASKS", "many")
     with pytest.raises(InputError, match="SLURM_NTASKS=many"):
         hosts.use(None, None)

@@ -14,7 +14,7 @@ from types import SimpleNamespace
 import pytest
 from mpi4py import MPI
 
-from driver import cli, environment
+from driver import children, cli, environment
 from driver.errors import InputError
 from driver.march.ahead import Ahead
 from driver.runs import launch, run, solve
@@ -156,7 +156,7 @@ def test_ranks_that_die_while_they_wait_end_the_run(tmp_path):
 
 def test_a_child_is_heard_while_something_else_is_done():
     """What it prints is more than a pipe holds: it would wait for ever."""
-    done = environment.run_child([sys.executable, "-c", "print('x' * 1000000)"], lambda: True,
+    done = children.run_child([sys.executable, "-c", "print('x' * 1000000)"], lambda: True,
                                  stdout=subprocess.PIPE, text=True)
     assert done.returncode == 0 and len(done.stdout) == 1000001
 
@@ -165,15 +165,15 @@ def test_mpirun_keeps_its_files_where_no_other_one_does():
     """Of all runs of a user at a time one that ends would take away the place of one that starts,
     and two that make it at a moment fail, also those of FreeFEM and of the solver of one run.
     """
-    start, again = environment.mpirun(2), environment.mpirun(2)
-    place, next_one = (words[words.index(environment.OWN_PLACE) + 1] for words in (start, again))
+    start, again = children.mpirun(2), children.mpirun(2)
+    place, next_one = (words[words.index(children.OWN_PLACE) + 1] for words in (start, again))
     assert Path(next_one).is_dir() and next_one != place
     code = ("import os; from mpi4py import MPI; comm = MPI.COMM_WORLD; ranks = comm.allreduce(1); "
             f"comm.rank or print(ranks, *os.listdir('{place}'))")
     done = subprocess.run([*start, sys.executable, "-c", code], check=True,
-                          env=environment.child_environment(), capture_output=True, text=True)
+                          env=children.child_environment(), capture_output=True, text=True)
     assert done.stdout.startswith("2 ompi.")
-    other = subprocess.run([sys.executable, "-c", "from driver import environment as e; "
+    other = subprocess.run([sys.executable, "-c", "from driver import children as e; "
                             "print(e.place_of_mpirun())"], cwd=environment.ROOT, check=True,
                            capture_output=True, text=True).stdout.strip()
     assert other != place and Path(place).is_dir() and not Path(other).exists()
@@ -256,8 +256,8 @@ def runs_on(number: int) -> bool:
 
 def test_a_child_ends_with_its_parent():
     """However that ends: killed, it can do nothing about it itself."""
-    code = ("from driver import environment\n"
-            "environment.run_child(['/bin/sh', '-c', 'echo $$; exec sleep 60'])")
+    code = ("from driver import children\n"
+            "children.run_child(['/bin/sh', '-c', 'echo $$; exec sleep 60'])")
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True,
                           cwd=environment.ROOT) as parent:
         child = int(parent.stdout.readline())
@@ -274,5 +274,5 @@ def test_a_child_starts_without_a_fork(monkeypatch):
     asked, popen = [], subprocess.Popen
     monkeypatch.setattr(subprocess, "Popen", lambda *words, **options: asked.append(
         options.get("preexec_fn")) or popen(*words, **options))
-    environment.run_child(["/bin/true"])
+    children.run_child(["/bin/true"])
     assert asked == [None]

@@ -18,7 +18,7 @@ from scipy.sparse import identity
 from small_scenes import halved
 
 from driver.march import checkpoint
-from driver import environment
+from driver import children, environment
 from driver.scene import loader, manifest
 from driver.feti import cholesky
 from driver.runs import workspace
@@ -36,7 +36,7 @@ def limited(mib: int, *words: str) -> SimpleNamespace:
 
     done = subprocess.run([sys.executable, "-m", "driver", "run", *words], cwd=environment.ROOT,
                           timeout=PATIENCE,
-                          preexec_fn=limit, env=environment.child_environment(),
+                          preexec_fn=limit, env=children.child_environment(),
                           capture_output=True, text=True)
     return SimpleNamespace(status=done.returncode, errors=done.stderr)
 
@@ -109,7 +109,7 @@ def test_shortages_are_told_from_other_errors():
                                                                  1, MPI.COMM_SELF)),
     (Path, "read_text", lambda export, folder: manifest.read_manifest(export)),
     (Path, "read_bytes", lambda export, folder: checkpoint.read(export)),
-    (subprocess, "Popen", lambda export, folder: environment.run_child(["true"])),
+    (subprocess, "Popen", lambda export, folder: children.run_child(["true"])),
     (Path, "mkdir", lambda export, folder: workspace.Workspace(folder / "out"))])
 def test_a_system_call_that_finds_no_memory_is_told_as_that(exported, tmp_path, monkeypatch, owner,
                                                             name, act):
@@ -167,9 +167,9 @@ cli.solve(["solver", {work!r}])
 def test_a_rank_that_fails_alone_ends_the_others(tmp_path):
     Request("model", "model.edp", {}, {}).write(tmp_path)
     code = ALONE.format(root=str(environment.ROOT), work=str(tmp_path))
-    done = subprocess.run([*environment.mpirun(2), sys.executable, "-c", code], capture_output=True,
+    done = subprocess.run([*children.mpirun(2), sys.executable, "-c", code], capture_output=True,
                           text=True, stdin=subprocess.DEVNULL,
-                          timeout=PATIENCE, env=environment.child_environment())
+                          timeout=PATIENCE, env=children.child_environment())
     assert done.returncode and "error: only this rank knows\n" in done.stderr
     assert not (tmp_path / "answer.json").exists()
 

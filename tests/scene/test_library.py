@@ -5,7 +5,7 @@ import subprocess
 import numpy as np
 import pytest
 
-from driver import environment
+from driver import children
 from driver.scene import declarations
 
 HEAD = """
@@ -81,10 +81,10 @@ def library(tmp_path, outlines, what: str) -> list[np.ndarray]:
 def printed(tmp_path, script) -> list[np.ndarray]:
     """What FreeFEM prints for a script, a row of numbers a line."""
     declarations.write(tmp_path)
-    env = environment.child_environment(False, "P2")
+    env = children.child_environment(False, "P2")
     env["FF_INCLUDEPATH"] = f"{tmp_path};{env['FF_INCLUDEPATH']}"
-    done = environment.run_child(
-        [environment.program("FreeFem++"), "-nw", "-ns", "-v", "0", str(script)],
+    done = children.run_child(
+        [children.program("FreeFem++"), "-nw", "-ns", "-v", "0", str(script)],
         env=env, stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT, text=True)
     assert done.returncode == 0, done.stdout

@@ -258,14 +258,14 @@ def test_export_with_an_edited_library_is_stale(monkeypatch, tmp_path):
 
 def test_scene_edited_while_freefem_runs(tmp_path, variant, monkeypatch):
     """FreeFEM may have read the old text or the new one: neither can be vouched for."""
-    scene, run_child = variant("edited"), freefem.environment.run_child
+    scene, run_child = variant("edited"), freefem.children.run_child
 
     def edit_too(*words, **options):
         done = run_child(*words, **options)
         scene.write_text(scene.read_text() + "// an afterthought\n")
         return done
 
-    monkeypatch.setattr(freefem.environment, "run_child", edit_too)
+    monkeypatch.setattr(freefem.children, "run_child", edit_too)
     with pytest.raises(InputError, match="stale"):
         freefem.export(scene, tmp_path / "export", {"cells": "2"})
 
