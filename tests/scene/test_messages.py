@@ -494,13 +494,26 @@ def test_regions_that_no_mesh_has(said, tmp_path):
     ("(label == 7 ? 0.3 : 0.1)", "", "friction asks for label 7, which no boundary of the mesh "
      "has, whose labels are 1, 2, 3, 4"),
     ("(7 != label ? 0.3 : 0.1)", "", "friction asks for label 7"),
-    ("(glued ? 0.3 : 0.1)", "macro glued() (label == 7) //\n", "glued asks for label 7")])
+    ("(glued ? 0.3 : 0.1)", "macro glued() (label == 7) //\n", "glued asks for label 7"),
+    ("(label != -7 ? 0.3 : 0.1)", "", "friction asks for label -7"),
+    ("(-7 == label || x < 1 ? 0.3 : 0.1)", "", "friction asks for label -7")])
 def test_numbers_that_no_label_has(said, formula, helper, words):
     """The comparison is true nowhere: all would have the other value, without a word."""
     assert words in said(("macro friction() F //", f"{helper}macro friction() {formula} //"))
 
 
+@pytest.mark.parametrize("formula, helper, words", [
+    ("(label = 1 ? 0.3 : 0.1)", "", "friction sets label by a single =; what compares has two: "
+     "label == ..."),
+    ("(glued ? 0.3 : 0.1)", "macro glued() (label= 1) //\n", "glued sets label by a"),
+    ("(x = 1. ? 0.3 : 0.1)", "", "friction sets x by a single =")])
+def test_a_single_equals_sign_is_no_comparison(said, formula, helper, words):
+    """It makes one value of all places: friction vanished without a word."""
+    assert words in said(("macro friction() F //", f"{helper}macro friction() {formula} //"))
+
+
 @pytest.mark.parametrize("formula", [
+    "(x <= 1. || x >= 0. && label != 4 ? 0.3 : 0.1)", "(3 - -1 == label ? 0.3 : 0.1)",
     "(label == 10*k - 9 ? 0.3 : 0.1)", "(10*k - 9 == label ? 0.3 : 0.1)",
     "(label + 10 == 11 ? 0.3 : 0.1)", "(11 == label + 10 ? 0.3 : 0.1)"])
 def test_numbers_in_sums_are_not_judged(tmp_path, formula):
