@@ -1,28 +1,25 @@
 """Numbers with which declarations compare the label or the region at hand, without finding any.
 
-Such a comparison is true nowhere, and what it chooses silently that of all other places. One with a
-single = sets the label, and chooses the same everywhere.
+Such a comparison is true nowhere, and what it chooses silently that of all other places.
 """
 
 import re
 from pathlib import Path
 
 from ..errors import InputError
-from . import grammar, rooms
+from . import grammar, rooms, slips
 from .manifest import Manifest
 
 # in code without blanks; numbers in sums and products are not judged
 COMPARED = re.compile(r"(?<![-+*/%.\w)\]])(?:(label|region)[!=]=(-?\d+)(?![-+*/%.\w])|"
                       r"(-?\d+)[!=]=(label|region)(?![-+*/%\w]))")
-SET = re.compile(r"(?<![.\w])(label|region|x|y)=(?!=)")
 
 
 def check(scene: Path, manifest: Manifest) -> None:
     """Refuse declarations that compare the label or the region with a number that is not there.
 
     The mesh lacks it, or it is only the second label of contact pairs, where contact laws ask.
-    Of regions the lowest and the highest number are known. What sets one of them, or the place,
-    is refused as well. Raises InputError.
+    Of regions the lowest and the highest number are known. Raises InputError.
     """
     lowest, highest = map(int, manifest.regions)
     regions = str(lowest) if lowest == highest else f"{lowest} to {highest}"
@@ -31,12 +28,9 @@ def check(scene: Path, manifest: Manifest) -> None:
                       f"{', '.join(map(str, manifest.labels))}",
              "region": f"no part of the mesh has, whose regions are {regions}"}
     macros = [macro for source in grammar.sources(scene) for macro in grammar.definitions(source)]
-    declaring = _declaring(macros, rooms.vocabulary())
-    laws = _declaring(macros, rooms.of_contact()) if manifest.contact_pairs else ()
+    declaring = slips.declaring(macros, rooms.vocabulary())
+    laws = slips.declaring(macros, rooms.of_contact()) if manifest.contact_pairs else ()
     for macro in macros:
-        if macro.name in declaring and (changed := SET.search(_code(macro.content))):
-            raise InputError(f"{macro.path.name} line {macro.line}: {macro.name} sets {changed[1]} "
-                             f"by a single =; what compares has two: {changed[1]} == ...")
         asked = _compared(macro.content)
         for name, number in asked:
             if number not in there[name] and macro.name in declaring:
@@ -52,12 +46,7 @@ def check(scene: Path, manifest: Manifest) -> None:
 def _compared(content: str) -> list[tuple[str, int]]:
     """What a macro compares with numbers, label or region, and those."""
     return [(found[1] or found[4], int(found[2] or found[3])) for found
-            in COMPARED.finditer(_code(content))]
-
-
-def _code(content: str) -> str:
-    """The content of a macro without blanks and texts."""
-    return "".join(grammar.without_texts(content).split())
+            in COMPARED.finditer(slips.code_of(content))]
 
 
 def _second_label(asked: list[int], own: list[int], pairs: list) -> str:
@@ -71,12 +60,3 @@ def _second_label(asked: list[int], own: list[int], pairs: list) -> str:
             return (f"label {label}, the second of a contactPair, whose nodes are those of the "
                     f"first: write label == {' || label == '.join(map(str, firsts))}")
     return ""
-
-
-def _declaring(macros: list, words: frozenset[str]) -> frozenset[str]:
-    """Words of declarations, of the macros that they call, and so on."""
-    found = words
-    for _ in macros:
-        found |= {word for macro in macros if macro.name in found
-                  for word in re.findall(r"\w+", grammar.without_texts(macro.content))}
-    return found

@@ -7,7 +7,8 @@ from pathlib import Path
 from .. import environment
 from ..errors import InputError
 from ..text import near
-from . import compared, declarations, element_kinds, explain, grammar, rooms, script, seal, size
+from . import (compared, declarations, element_kinds, explain, grammar, rooms, script, seal, size,
+               slips)
 from .manifest import Manifest, read_manifest
 from .script import text_digest
 
@@ -60,6 +61,7 @@ def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int 
     meanwhile; OSError if the disk is full.
     """
     grammar.check(scene)
+    slips.check(scene)
     script.check_names(scene)
     script.check_statements(scene)
     script.check_gmsh_numbers(scene)

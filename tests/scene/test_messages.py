@@ -505,15 +505,22 @@ def test_numbers_that_no_label_has(said, formula, helper, words):
 @pytest.mark.parametrize("formula, helper, words", [
     ("(label = 1 ? 0.3 : 0.1)", "", "friction sets label by a single =; what compares has two: "
      "label == ..."),
-    ("(glued ? 0.3 : 0.1)", "macro glued() (label= 1) //\n", "glued sets label by a"),
-    ("(x = 1. ? 0.3 : 0.1)", "", "friction sets x by a single =")])
-def test_a_single_equals_sign_is_no_comparison(said, formula, helper, words):
-    """It makes one value of all places: friction vanished without a word."""
+    ("(glued ? 0.3 : 0.1)", "macro glued() (x <= 2. && label= 1) //\n", "glued sets label by a"),
+    ("(x = 1. ? 0.3 : 0.1)", "", "friction sets x by a single ="),
+    ("min(1., (0.5 < x < 1. ? 0.3 : 0.1))", "", "friction compares three things at once, which "
+     "FreeFEM takes one after the other: 0.5<x<1.; write  a < b && b < c"),
+    ("(label == 1 || 2 ? 0.3 : 0.1)", "", "friction has 2 as a condition, which is the same "
+     "everywhere: label==1||2; each side compares"),
+    ("mu", "int k = 2, mu = physical(\"mu\", 0.3);\n", "as an int mu loses its decimals: write  "
+     "real mu = physical(...)")])
+def test_slips_that_freefem_takes_for_something_else(said, formula, helper, words):
+    """They make one value of all places: friction vanished without a word."""
     assert words in said(("macro friction() F //", f"{helper}macro friction() {formula} //"))
 
 
 @pytest.mark.parametrize("formula", [
     "(x <= 1. || x >= 0. && label != 4 ? 0.3 : 0.1)", "(3 - -1 == label ? 0.3 : 0.1)",
+    "(x < 1. ? (y < 1. ? 0.3 : 0.2) : 0.)", "0.3*(x > 0.)*(x < 1.) + 0.1*(k > 0 || x > 0.)",
     "(label == 10*k - 9 ? 0.3 : 0.1)", "(10*k - 9 == label ? 0.3 : 0.1)",
     "(label + 10 == 11 ? 0.3 : 0.1)", "(11 == label + 10 ? 0.3 : 0.1)"])
 def test_numbers_in_sums_are_not_judged(tmp_path, formula):
