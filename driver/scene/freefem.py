@@ -61,9 +61,9 @@ def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int 
     meanwhile; OSError if the disk is full.
     """
     grammar.check(scene)
-    slips.check(scene)
     script.check_names(scene)
     script.check_statements(scene)
+    slips.check(scene)
     script.check_gmsh_numbers(scene)
     script.check_sizes(scene)
     script.check_parameters(scene, parameters)

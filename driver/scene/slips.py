@@ -1,7 +1,8 @@
 """Slips of the pen that FreeFEM takes for something else, without a word.
 
-One = in place of two, a < b < c, label == 3 || 4, an integer for a parameter that is a real number:
-what is declared would have other values than those that were meant.
+One = in place of two, a < b < c, label == 3 || 4, an integer for a parameter that is a real number,
+names that capitals alone tell apart: what is declared would have other values than those that were
+meant.
 """
 
 import re
@@ -23,6 +24,7 @@ def check(scene: Path) -> None:
     files = grammar.sources(scene)
     for source in files:
         _check_integers(source)
+    _check_capitals(files)
     macros = [macro for source in files for macro in grammar.definitions(source)]
     named = declaring(macros, rooms.vocabulary())
     for macro in macros:
@@ -51,6 +53,19 @@ def _check_integers(source: grammar.Source) -> None:
             raise InputError(f"{source.path.name} line {number}: as an int {found[1]} loses its "
                              f"decimals: write  real {found[1]} = physical(...)  or  "
                              f"int {found[1]} = whole(...)")
+
+
+def _check_capitals(files: list[grammar.Source]) -> None:
+    """No two parameters have names that differ by capitals alone: one option would set them."""
+    known: dict[str, str] = {}
+    for source in files:
+        for number, line in enumerate(source.code, 1):
+            for name in grammar.PARAMETER.findall(line):
+                other = known.setdefault(name.lower(), name)
+                if other != name:
+                    raise InputError(f"{source.path.name} line {number}: the parameters {other} "
+                                     f"and {name} differ by capitals alone, and {name.upper()}= "
+                                     "would set one of them: choose another name")
 
 
 def _slip(content: str) -> str:

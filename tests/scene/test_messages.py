@@ -512,7 +512,9 @@ def test_numbers_that_no_label_has(said, formula, helper, words):
     ("(label == 1 || 2 ? 0.3 : 0.1)", "", "friction has 2 as a condition, which is the same "
      "everywhere: label==1||2; each side compares"),
     ("mu", "int k = 2, mu = physical(\"mu\", 0.3);\n", "as an int mu loses its decimals: write  "
-     "real mu = physical(...)")])
+     "real mu = physical(...)"),
+    ("mu", "real mu = physical(\"mu\", 0.3), low = physical(\"Mu\", 0.2);\n", "the parameters mu "
+     "and Mu differ by capitals alone, and MU= would set one of them")])
 def test_slips_that_freefem_takes_for_something_else(said, formula, helper, words):
     """They make one value of all places: friction vanished without a word."""
     assert words in said(("macro friction() F //", f"{helper}macro friction() {formula} //"))
