@@ -47,6 +47,7 @@ SLIPS = 10 * TOUCHES  # slip that the errors of two steps do not make, likewise
 NOISE = 10.0  # times the tolerance of displacements: slip of a corner beyond that counts
 SLIGHT = 1e-9  # relative difference of gaps that counts as none
 DEPENDENT = 1e-8  # determinant of two forces of about unit length that are one
+ROUNDED = 1e-12  # part of a vertex' force that a side has by rounding: it bears nothing
 
 
 @dataclass
@@ -275,6 +276,7 @@ class CornerNodes:
                 else:
                     parts = self._shared_at_rest(v, force, rows)
             if parts is not None:
+                parts = np.where(np.abs(parts) > ROUNDED * np.linalg.norm(force), parts, 0.0)
                 shared[n], shared[t[t >= 0]] = parts[0], parts[1][t >= 0]
                 acting[v] = self._state_of(v, force, rows)
         acting, inside = np.sum(comm.allgather((acting, inside)), axis=0)

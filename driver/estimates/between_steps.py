@@ -91,9 +91,13 @@ def misses(effects, manifest, motion, stride: int) -> bool:
     """
     if not effects.frictional:
         return False
-    moving = of_obstacles(motion, manifest.steps, stride) if motion else {}
-    return bool(departures(manifest, stride)) or any(size > NOTICEABLE
-                                                     for size, _ in moving.values())
+    return bool(departures(manifest, stride)) or bool(
+        motion and _missing(motion, manifest.steps, stride))
+
+
+def _missing(motion, steps: int, stride: int = 1) -> bool:
+    """Whether every `stride`-th of `steps` misses noticeably what an ObstacleMotion does."""
+    return any(size > NOTICEABLE for size, _ in of_obstacles(motion, steps, stride).values())
 
 
 @dataclass
@@ -120,13 +124,16 @@ class Strides:
         return 1 if self.misses(2) else self.up_to(2)
 
 
-def finer(manifest, least: int, most: int) -> int:
-    """Into how many parts steps are to be cut so that they miss nothing noticeable of the loads.
+def finer(manifest, motion, least: int, most: int) -> int:
+    """Into how many parts steps are to be cut so that they miss nothing noticeable of the history.
 
     `least`, or two, four, ... times as many, as far as there are no more than `most` steps then, or
-    half as many as samples. If these still miss something: the largest number if it halves that,
-    else `least`, as it is at jumps.
+    half as many as samples. If these still miss something of the loads: the largest number if it
+    halves that, else `least`, as it is at jumps. Of an obstacle's ObstacleMotion, or None, an
+    export tells only how much its steps miss: where that is noticeable, as many as `most` allows.
     """
+    if motion and _missing(motion, manifest.steps):
+        return least * 2 ** max(int(np.log2(most / (least * manifest.steps))), 0)
     samples = min((len(history) - 1 for history in manifest.between.values()), default=0)
     parts, missed = least, [_missed(manifest, least)]
     while missed[-1] > NOTICEABLE and 2 * parts * manifest.steps <= min(most, samples // 2):
@@ -195,7 +202,7 @@ def warnings(manifest, motion=None) -> list[str]:
     """
     lines = [f"{name} departs by {100 * size:.0f} % of its largest value from the steps, most at "
              f"time {time:.4g}: they miss where the obstacle is there; "
-             f"STEPS={2 * manifest.steps}, or stepTimes without STEPS, follows it better"
+             "more STEPS, or stepTimes without STEPS, follow it better"
              for name, (size, time) in (of_obstacles(motion, manifest.steps) if motion
                                         else {}).items() if size > NOTICEABLE]
     for d in departures(manifest):

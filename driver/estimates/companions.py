@@ -267,7 +267,7 @@ class Companions:
         finest errs by itself, at least what the distance tells at the formal order: the finest ones
         may agree by chance.
         """
-        parts = finer(self.manifest, FINER, ENOUGH)
+        parts = finer(self.manifest, self.strides.motion, FINER, ENOUGH)
         mesh = {**self._telling(), "sampling": parts}
         try:
             self.levels.problem(**mesh)

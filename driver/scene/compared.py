@@ -7,12 +7,12 @@ import re
 from pathlib import Path
 
 from ..errors import InputError
-from . import grammar, rooms
+from . import grammar, pitfalls, rooms
 from .manifest import Manifest
 
 # in code without blanks; numbers in sums and products are not judged
-COMPARED = re.compile(r"(?<![-+*/%.\w])(?:(label|region)[!=]=(\d+)(?![-+*/%.\w])|"
-                      r"(\d+)[!=]=(label|region)(?![-+*/%\w]))")
+COMPARED = re.compile(r"(?<![-+*/%.\w)\]])(?:(label|region)[!=]=(-?\d+)(?![-+*/%.\w])|"
+                      r"(-?\d+)[!=]=(label|region)(?![-+*/%\w]))")
 
 
 def check(scene: Path, manifest: Manifest) -> None:
@@ -28,8 +28,8 @@ def check(scene: Path, manifest: Manifest) -> None:
                       f"{', '.join(map(str, manifest.labels))}",
              "region": f"no part of the mesh has, whose regions are {regions}"}
     macros = [macro for source in grammar.sources(scene) for macro in grammar.definitions(source)]
-    declaring = _declaring(macros, rooms.vocabulary())
-    laws = _declaring(macros, rooms.of_contact()) if manifest.contact_pairs else ()
+    declaring = pitfalls.declaring(macros, rooms.vocabulary())
+    laws = pitfalls.declaring(macros, rooms.of_contact()) if manifest.contact_pairs else ()
     for macro in macros:
         asked = _compared(macro.content)
         for name, number in asked:
@@ -46,7 +46,7 @@ def check(scene: Path, manifest: Manifest) -> None:
 def _compared(content: str) -> list[tuple[str, int]]:
     """What a macro compares with numbers, label or region, and those."""
     return [(found[1] or found[4], int(found[2] or found[3])) for found
-            in COMPARED.finditer("".join(grammar.without_texts(content).split()))]
+            in COMPARED.finditer(pitfalls.code_of(content))]
 
 
 def _second_label(asked: list[int], own: list[int], pairs: list) -> str:
@@ -60,12 +60,3 @@ def _second_label(asked: list[int], own: list[int], pairs: list) -> str:
             return (f"label {label}, the second of a contactPair, whose nodes are those of the "
                     f"first: write label == {' || label == '.join(map(str, firsts))}")
     return ""
-
-
-def _declaring(macros: list, words: frozenset[str]) -> frozenset[str]:
-    """Words of declarations, of the macros that they call, and so on."""
-    found = words
-    for _ in macros:
-        found |= {word for macro in macros if macro.name in found
-                  for word in re.findall(r"\w+", grammar.without_texts(macro.content))}
-    return found

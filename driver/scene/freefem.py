@@ -7,7 +7,8 @@ from pathlib import Path
 from .. import children, environment
 from ..errors import InputError
 from ..text import near
-from . import compared, declarations, element_kinds, explain, grammar, rooms, script, seal, size
+from . import (compared, declarations, element_kinds, explain, grammar, pitfalls, rooms, script,
+               seal, size)
 from .manifest import Manifest, read_manifest
 from .script import text_digest
 
@@ -62,6 +63,7 @@ def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int 
     grammar.check(scene)
     script.check_names(scene)
     script.check_statements(scene)
+    pitfalls.check(scene, parameters)
     script.check_gmsh_numbers(scene)
     script.check_sizes(scene)
     script.check_parameters(scene, parameters)

@@ -165,6 +165,15 @@ def test_the_end_of_a_step_does_not_know_the_way(force):
     assert shares.tolist() == ways[FIRST] and not apart_from_it.rested[0]
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0, 0.0])
+def test_a_side_that_bears_no_more_than_rounding_is_open(sign):
+    """One side carries the force and its friction; rounding is no contact of the other one."""
+    for state, rounded in ((BOTH, [1.0, sign * 1e-15, 0.0, 0.0]),
+                           (FIRST, [1.0, 0.0, sign * 1e-15, 0.0])):
+        _, x = ended(state, rounded)
+        assert x.tolist() == [1.0, 0.0, 0.0, 0.0]
+
+
 def test_every_corner_is_judged_whatever_the_others_do():
     """The first stands by friction, as it has done; the second opens one of its sides."""
     nodes = CornerNodes(np.array([[0, 1], [4, 5]]), np.array([[0, 1], [4, 5]]),

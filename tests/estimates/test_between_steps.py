@@ -49,12 +49,13 @@ def test_steps_that_are_said_to_follow_better_halve_what_is_missed(history, step
 
 
 @pytest.mark.parametrize("steps, sampling, between", [
-    (5, 1, 16), (5, 4, 4), (5, 32, 0), (250, 1, 8), (2000, 1, 4)])
+    (1, 1, 512), (5, 1, 64), (5, 4, 4), (5, 32, 0), (20, 1, 16), (250, 1, 8), (2000, 1, 4)])
 def test_a_history_is_looked_at_so_often_in_a_step_of_the_scene(exported, steps, sampling,
                                                                 between):
     """By runs of a finer history as well: what they see themselves is not written once more.
 
-    In one of many steps less often, but so that half of it can be told to follow better.
+    In one of many steps less often, but so that half of it can be told to follow better; in one of
+    few more often, so that pulses of a hundredth of the history are seen.
     """
     found = read_manifest(exported(loading="nonmonotone", cells=1, steps=steps, sampling=sampling))
     assert found.steps == steps * sampling
@@ -188,7 +189,17 @@ def test_loads_that_turn_between_the_steps_are_missed():
     (lambda t: np.sin(5 * t), 6, 4), (lambda t: 0.0 if t < 0.5 else 1.0, 2, 4)])
 def test_steps_are_cut_until_they_miss_nothing(history, steps, parts):
     """As far as that needs no more than sixty-four; not for jumps, which any miss."""
-    assert between_steps.finer(manifest(history, steps), 4, 64) == parts
+    assert between_steps.finer(manifest(history, steps), None, 4, 64) == parts
+
+
+@pytest.mark.parametrize("steps, parts", [(1, 64), (2, 32), (5, 8), (16, 4), (40, 4)])
+def test_steps_are_cut_as_often_as_allowed_where_they_miss_what_an_obstacle_does(steps, parts):
+    """How many follow it no export tells."""
+    still = SimpleNamespace(steps=steps, t_end=2.0, between={})
+    motion = obstacles(lambda t: t, steps)
+    assert between_steps.finer(still, motion, 4, 64) == parts
+    motion.missed = {"obstacleY": (0.005, 0.2)}
+    assert between_steps.finer(still, motion, 4, 64) == 4
 
 
 TURNS = """include "scene.idp"

@@ -184,6 +184,7 @@ def test_more_steps_that_agree_by_chance_tell_no_less_than_their_distance(monkey
     of, name = object.__new__(Companions), "slip"
     of.base, of.manifest = {"h": 2.0}, SimpleNamespace(
         steps=1, element="P1", t_end=1.0, between={})
+    of.strides = SimpleNamespace(motion=None)
     of.values, of.levels = {name: 1.0}, SimpleNamespace(problem=lambda **_: None)
     of._telling = lambda: of.base
     of._values = lambda mesh, stride: {name: 1.0 if stride == 8 else 4.0}

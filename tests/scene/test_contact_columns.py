@@ -93,12 +93,12 @@ def test_where_a_moving_obstacle_stands_at_every_time(contact):
 
 
 def test_what_steps_miss_of_a_motion(contact):
-    """Its largest departure from lines between them, of eight places a step, and when; a kink at
-    the fifth.
+    """Its largest departure from lines between them, of 64 places in each of four steps, and when;
+    a kink at one of them.
     """
     b = contact("moving", MOTION)
     here = own(b)
-    fine, times = np.linspace(0, 2, 33), np.linspace(0, 2, 5)
+    fine, times = np.linspace(0, 2, 257), np.linspace(0, 2, 5)
     for name, paths in (("obstacle_x", {5: lambda t: 0.05 * np.sin(3 * t),
                                         8: lambda t: 0.02 * abs(t - 1.8125)}),
                         ("obstacle_angle", dict.fromkeys((5, 8), lambda t: 0.2 * t**2)),

@@ -66,7 +66,7 @@ def line_of(text: str) -> int:
 @pytest.fixture
 def without_freefem(monkeypatch):
     """Nothing is started."""
-    monkeypatch.setattr(freefem.environment, "run_child", None)
+    monkeypatch.setattr(freefem.children, "run_child", None)
 
 
 NAMED = ["young", "poisson", "support", "load1", "amplitude1", "contact", "friction"]
@@ -494,13 +494,44 @@ def test_regions_that_no_mesh_has(said, tmp_path):
     ("(label == 7 ? 0.3 : 0.1)", "", "friction asks for label 7, which no boundary of the mesh "
      "has, whose labels are 1, 2, 3, 4"),
     ("(7 != label ? 0.3 : 0.1)", "", "friction asks for label 7"),
-    ("(glued ? 0.3 : 0.1)", "macro glued() (label == 7) //\n", "glued asks for label 7")])
+    ("(glued ? 0.3 : 0.1)", "macro glued() (label == 7) //\n", "glued asks for label 7"),
+    ("(label != -7 ? 0.3 : 0.1)", "", "friction asks for label -7"),
+    ("(-7 == label || x < 1 ? 0.3 : 0.1)", "", "friction asks for label -7")])
 def test_numbers_that_no_label_has(said, formula, helper, words):
     """The comparison is true nowhere: all would have the other value, without a word."""
     assert words in said(("macro friction() F //", f"{helper}macro friction() {formula} //"))
 
 
+@pytest.mark.parametrize("formula, helper, words", [
+    ("(label = 1 ? 0.3 : 0.1)", "", "friction sets label by a single =; what compares has two: "
+     "label == ..."),
+    ("(glued ? 0.3 : 0.1)", "macro glued() (x <= 2. && label= 1) //\n", "glued sets label by a"),
+    ("(x = 1. ? 0.3 : 0.1)", "", "friction sets x by a single ="),
+    ("min(1., (0.5 < x < 1. ? 0.3 : 0.1))", "", "friction compares three things at once, which "
+     "FreeFEM takes one after the other: 0.5<x<1.; write  a < b && b < c"),
+    ("(label == 1 || 2 ? 0.3 : 0.1)", "", "friction has 2 as a condition, which is the same "
+     "everywhere: label==1||2; each side compares"),
+    ("mu", "int k = 2, mu = physical(\"mu\", 0.3);\n", "as an int mu loses its decimals: write  "
+     "real mu = physical(...)")])
+def test_mistakes_that_freefem_takes_for_something_else(said, formula, helper, words):
+    """They make one value of all places: friction vanished without a word."""
+    assert words in said(("macro friction() F //", f"{helper}macro friction() {formula} //"))
+
+
+@pytest.mark.parametrize("helper, words", [
+    ('real mu = physical("mu", 0.3), low = physical("Mu", 0.2);', "the parameters mu and Mu differ "
+     "by capitals alone, and MU= would set one of them"),
+    ('int mu = physical("mu", 1);', "as an int mu loses its decimals")])
+def test_mistakes_that_only_an_option_shows(said, tmp_path, helper, words):
+    """Without it the scene means what it says."""
+    changes = ("macro friction() F //", f"{helper}\nmacro friction() mu //")
+    assert words in said(changes, parameters=SMALL | {"mu": "0.5"})
+    freefem.export(tmp_path / "mine.edp", tmp_path / "export", SMALL)
+
+
 @pytest.mark.parametrize("formula", [
+    "(x <= 1. || x >= 0. && label != 4 ? 0.3 : 0.1)", "(3 - -1 == label ? 0.3 : 0.1)",
+    "(x < 1. ? (y < 1. ? 0.3 : 0.2) : 0.)", "0.3*(x > 0.)*(x < 1.) + 0.1*(k > 0 || x > 0.)",
     "(label == 10*k - 9 ? 0.3 : 0.1)", "(10*k - 9 == label ? 0.3 : 0.1)",
     "(label + 10 == 11 ? 0.3 : 0.1)", "(11 == label + 10 ? 0.3 : 0.1)"])
 def test_numbers_in_sums_are_not_judged(tmp_path, formula):

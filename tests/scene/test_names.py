@@ -161,7 +161,7 @@ def global_names() -> list[str]:
 def test_macros_of_the_library_are_known_before_freefem_runs(tmp_path, monkeypatch):
     """FreeFEM would replace such a variable by the macro, wherever it is put after its definition.
     """
-    monkeypatch.setattr(freefem.environment, "run_child", None)
+    monkeypatch.setattr(freefem.children, "run_child", None)
     macros = set(re.findall(r"^\s*macro (\w+)", library(), re.MULTILINE)) & set(global_names())
     assert {"nodeX", "muLame", "measured", "rigidX"} <= macros
     path = tmp_path / "mine.edp"
@@ -173,7 +173,7 @@ def test_macros_of_the_library_are_known_before_freefem_runs(tmp_path, monkeypat
 
 def test_names_of_freefem_that_declarations_read_are_refused(tmp_path, monkeypatch):
     """`int region = 1;` made a body all of one material: (region == 1 ? ...) is true everywhere."""
-    monkeypatch.setattr(freefem.environment, "run_child", None)
+    monkeypatch.setattr(freefem.children, "run_child", None)
     path = tmp_path / "mine.edp"
     for name in grammar.BUILT_IN:
         path.write_text(PLANE.replace("DECLARATIONS", f"int {name} = 1;"))

@@ -1,0 +1,104 @@
+"""Mistakes of writing that FreeFEM takes for something else, without a word.
+
+One = in place of two, a < b < c, label == 3 || 4, an integer for a parameter that has decimals,
+an option for one of two names that capitals alone tell apart: what is declared would have other
+values than those that were meant.
+"""
+
+import re
+from pathlib import Path
+
+from ..errors import InputError
+from . import grammar, rooms
+
+# in code without blanks
+SET = re.compile(r"(?<![.\w])(label|region|x|y)=(?!=)")
+COMPARES = re.compile(r"[<>=!]=|[<>]")
+NUMBER = re.compile(r"[-+]?[\d.]+")
+INTEGER = re.compile(r'\bint\s+(?:[^;()]*,\s*)?(\w+)\s*=\s*physical\s*\(\s*"([^"]*)"\s*,([^()]*)\)')
+
+
+def check(scene: Path, parameters: dict[str, str]) -> None:
+    """Refuse such declarations, and macros that they call; `parameters` of the command line.
+
+    Raises InputError with the line.
+    """
+    files = grammar.sources(scene)
+    for source in files:
+        _check_integers(source, parameters)
+    _check_capitals(files, parameters)
+    macros = [macro for source in files for macro in grammar.definitions(source)]
+    named = declaring(macros, rooms.vocabulary())
+    for macro in macros:
+        if macro.name in named and (reason := _mistake(macro.content)):
+            raise InputError(f"{macro.path.name} line {macro.line}: {macro.name} {reason}")
+
+
+def code_of(content: str) -> str:
+    """The content of a macro without blanks and texts."""
+    return "".join(grammar.without_texts(content).split())
+
+
+def declaring(macros: list, words: frozenset[str]) -> frozenset[str]:
+    """Words of declarations, of the macros that they call, and so on."""
+    found = words
+    for _ in macros:
+        found |= {word for macro in macros if macro.name in found
+                  for word in re.findall(r"\w+", grammar.without_texts(macro.content))}
+    return found
+
+
+def _check_integers(source: grammar.Source, given: dict[str, str]) -> None:
+    """Parameters whose values have decimals, as `given` or by themselves, are no whole numbers."""
+    for number, line in enumerate(source.code, 1):
+        found = INTEGER.search(line)
+        if found and _has_decimals(given.get(found[2].lower(), found[3])):
+            raise InputError(f"{source.path.name} line {number}: as an int {found[1]} loses its "
+                             f"decimals: write  real {found[1]} = physical(...)  or  "
+                             f"int {found[1]} = whole(...)")
+
+
+def _has_decimals(value: str) -> bool:
+    """Whether a value is a number that is not whole; of words and formulas it is not known."""
+    try:
+        return not float(value).is_integer()
+    except ValueError:
+        return False
+
+
+def _check_capitals(files: list[grammar.Source], given: dict[str, str]) -> None:
+    """No two parameters that are `given` have names that differ by capitals alone."""
+    known: dict[str, str] = {}
+    for source in files:
+        for number, line in enumerate(source.code, 1):
+            for name in grammar.PARAMETER.findall(line):
+                other = known.setdefault(name.lower(), name)
+                if other != name and name.lower() in given:
+                    raise InputError(f"{source.path.name} line {number}: the parameters {other} "
+                                     f"and {name} differ by capitals alone, and {name.upper()}= "
+                                     "would set one of them: give one another name")
+
+
+def _mistake(content: str) -> str:
+    """What is wrong with the content of a macro; empty if it means what it says."""
+    code = code_of(content)
+    if found := SET.search(code):
+        return f"sets {found[1]} by a single =; what compares has two: {found[1]} == ..."
+    for term in _terms(code):
+        sides = re.split(r"&&?|\|\|?", term)
+        if chained := next((side for side in sides if len(COMPARES.findall(side)) > 1), ""):
+            return (f"compares three things at once, which FreeFEM takes one after the other: "
+                    f"{chained}; write  a < b && b < c")
+        if len(sides) > 1 and (alone := next(filter(NUMBER.fullmatch, sides), "")):
+            return (f"has {alone} as a condition, which is the same everywhere: {term}; each side "
+                    "compares, as in  label == 3 || label == 4")
+    return ""
+
+
+def _terms(code: str) -> list[str]:
+    """What stands between ?, :, and commas, brackets apart, each of which a letter stands for."""
+    groups = []
+    while found := grammar.NESTED.search(code):
+        groups.append(found[0][1:-1])
+        code = f"{code[: found.start()]}u{code[found.end():]}"
+    return [term for group in [*groups, code] for term in re.split(r"[?:,]", group)]
