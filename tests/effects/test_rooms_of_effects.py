@@ -65,6 +65,8 @@ def test_displacement_counts_from_the_origin():
     ("displacement", [0.2, 0.9, 0.5], [0.0, 3.0], [0.9, 0.9]),  # any may come
     ("slip", [0.2, 0.9, 0.5], [0.0, 0.5], [0.9, 0.9]),
     ("slip", [0.2, 0.9, 0.5], [1.0, 1.5], [0.9, 0.7]),  # slip does not get less
+    ("slip", [0.2, 0.4, 0.9], [0.0, 0.5], [0.9, 0.9]),  # beyond the next place of the table, too
+    ("slip", [0.9, 0.2, 0.5], [0.5, 1.0], [0.55, 0.5]),
     ("slip", [0.2, 0.9, 0.5], [2.0, 3.0], [0.5, 0.5]), ("slip", [0.2, 0.4, 0.9], [1.5, 2.0],
                                                         [0.9, 0.9])])
 def test_the_largest_factor_is_that_of_slip_to_come(argument, values, slid, largest):
