@@ -256,6 +256,8 @@ def test_tangents_of_a_power_law_are_its_slopes(m):
     assert not offset.any() and slope[2] == 0.0
     slope, _ = room.tangent(nodes, 0 * force, 0 * z, None, 0.0)  # a line has one everywhere
     np.testing.assert_allclose(slope[:2], 1 / (c * weight) if m == 1 else 0.0)
+    room.about(SimpleNamespace(faced=np.array([1.0, 0.5, 1.0])))  # half of the first faces nothing
+    np.testing.assert_allclose(room.closure(nodes, force, None), z * [2 ** (1 / m), 1.0, 0.0])
 
 
 def test_laws_of_nodes_add_up():
