@@ -195,6 +195,9 @@ def test_cycles_go_on_from_a_checkpoint(stop):
     np.testing.assert_allclose(other.times, solver.times)
     np.testing.assert_allclose(other.amplitudes, solver.amplitudes)
     assert other.loads == solver.loads
+    for part in ("older", "before"):
+        kept, found = getattr(first.past, part), getattr(again.past, part)
+        assert set(found) == set(kept) and all((found[name] == kept[name]).all() for name in kept)
     gone_through(other, again)
     assert again.past.plan == of.past.plan
     for one, two in zip(again.past.rows, of.past.rows, strict=True):
