@@ -36,18 +36,16 @@ class ObstacleMotion:
         return self.gap[self.index(time)]
 
     def way(self, before: float, now: float) -> np.ndarray:
-        """(n,) tangential displacement, from one of these times to another, of the surfaces met.
+        """(n,) tangential way, from one of these times to another, of the surfaces at the nodes.
 
-        That of the point which is at the node's place at first, and of the one which is there at
-        last, differ where obstacles turn; their mean is that of the points in between to second
-        order in the angle.
+        The integral of the velocity that an obstacle's points have as they come by the node's
+        place, shift and angle growing in proportion: angle times arm, however far it turns.
         """
         first, last = self.index(before), self.index(now)
         turn = self.angle[last] - self.angle[first]
-        shift = self.shift[last] - self.shift[first]
-        from_first = shift + _turned(self.xy - self.pivot - self.shift[first], turn)
-        to_last = shift - _turned(self.xy - self.pivot - self.shift[last], -turn)
-        return ((from_first + to_last) / 2 * self.tangent).sum(axis=1)
+        arm = self.xy - self.pivot - (self.shift[first] + self.shift[last]) / 2
+        passed = self.shift[last] - self.shift[first] + turned_left(turn[:, None] * arm)
+        return (passed * self.tangent).sum(axis=1)
 
     def rests(self, before: float, now: float) -> bool:
         """Whether all obstacles stand at one of these times where they stood at another."""
@@ -107,10 +105,3 @@ class ObstacleMotion:
         if time > last + SAME * (last - first):
             time = first + (time - first) % (last - first)
         return int(np.abs(self.times - time).argmin())
-
-
-def _turned(arm: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """(n, 2) displacements of points at `arm` (n, 2) from a centre that turn by `angle` (n,)."""
-    across = turned_left(arm)
-    # 1 - cos by its half angle, exact for small ones
-    return np.sin(angle)[:, None] * across - 2 * np.sin(angle / 2)[:, None] ** 2 * arm

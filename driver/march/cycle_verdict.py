@@ -9,6 +9,8 @@ long as anything slides, the worn depth at last grows by as much in every cycle.
 What cycles to come would still change is the sum of the geometric series that the last changes
 begin. That takes three of them: from the first one, of the cycle after the loads were put on, to
 the next they fall by a lot, and go on as slowly as surfaces wear or friction changes with slip.
+Changes that tolerances leave open go to and fro: two of them that add up, cycle after cycle by
+less than that, are those of a surface that wears slowly, and many of them are a lot.
 """
 
 import re
@@ -21,6 +23,7 @@ SETTLED = 1e-3  # of the largest contact force, which cycles to come may still c
 EVEN = 1e-2  # by which slips and growths of settled cycles may differ
 GONE = 5e-2  # of a cycle's slip that a series which ends in no slip may seem to end in
 ROUNDED = 30  # times PRIMAL_RTOL: what forces differ by where nothing but tolerances differs
+ADDS_UP = 0.9  # change over two cycles, over the sum of both, from which on they go on one way
 SHARE = 0.01  # of what grows in a jump that it may err by, where CYCLES gives no other
 MOVED, WORN = "u_t", "wear.worn_depth"  # of what a cycle hands on
 RIGID = ("weights", "motion", "placed")
@@ -72,6 +75,7 @@ class Past:
     start: dict = field(default_factory=dict)  # what the cycle at hand began with
     growth: dict = field(default_factory=dict)  # in the cycle before
     before: dict = field(default_factory=dict)  # forces (steps, k) of the cycle before
+    older: dict = field(default_factory=dict)  # those of the cycle before that
     forces: dict = field(default_factory=dict)  # of the one at hand, so far
     way: np.ndarray | None = None  # (j,) that nodes have slid in it so far
 
@@ -124,14 +128,33 @@ def _of_forces(past: Past, forces: dict, largest, rounded: float) -> tuple[float
         return 1.0, 1.0
     size, remaining = largest(*forces.values()), 1.0
     cycles = 1 + (past.plan[-1] if past.plan else 0)
-    change = largest(*(forces[name] - past.before[name] for name in forces)) / cycles
-    change = change / size if size > 0 else 0.0
+    whole = _difference(forces, past.before, largest) / size if size > 0 else 0.0
+    change = whole / cycles
     *_, before, last = 0.0, 0.0, *(row["change"] for row in past.rows[1:])  # 1 in the first
-    if change <= rounded:
+    if whole <= rounded and not _goes_on(past, forces, change, size, largest, rounded):
         remaining = change
     elif min(before, last) > 0 and not any(past.plan[-3:]):
         remaining = min(1.0, geometric(change, max(change / last, last / before)))
     return change, remaining
+
+
+def _difference(forces: dict, others: dict, largest) -> float:
+    """The largest difference of two cycles' forces."""
+    return largest(*(forces[name] - others[name] for name in forces))
+
+
+def _goes_on(past: Past, forces: dict, change: float, size: float, largest,
+             rounded: float) -> bool:
+    """Whether a `change` that tolerances may leave open goes on from the last one, as where
+    surfaces wear: both are more than what residuals are, and the change over both adds up. Of two
+    cycles alone it may.
+    """
+    last = past.rows[-1]["change"]
+    if any(past.plan[-2:]) or min(change, last) <= rounded / ROUNDED:
+        return False
+    if not past.older:
+        return len(past.rows) == 1
+    return _difference(forces, past.older, largest) >= ADDS_UP * (change + last) * size
 
 
 def geometric(change: float, ratio: float) -> float:

@@ -121,7 +121,8 @@ class Cycles:
         step.cycle = past.number
         step.skips = self._skips(solver, row, growth)
         past.plan.append(step.skips)
-        past.start, past.growth, past.before = now, growth, forces
+        past.start, past.growth = now, growth
+        past.before, past.older = forces, past.before
         if self.given is None and self.choice.settles and row.settled:
             self.count = past.number
             self._cut(solver, step.index)
@@ -150,7 +151,7 @@ class Cycles:
         if past.way is not None:
             nodal["way"] = past.way
         pressed = {}
-        for part in ("before", "forces"):
+        for part in ("older", "before", "forces"):
             for name, values in getattr(past, part).items():
                 for k, value in enumerate(values):
                     (pressed if name == "normal" else nodal)[f"{part}.{name}.{k}"] = value
@@ -184,7 +185,8 @@ class Cycles:
             else:
                 name, _ = name.split(".")
                 getattr(past, part).setdefault(name, []).append(array)
-        past.before = {name: np.array(steps) for name, steps in past.before.items()}
+        past.before, past.older = ({name: np.array(steps) for name, steps in part.items()}
+                                   for part in (past.before, past.older))
 
     # ---- judgement -------------------------------------------------------------------------------
     def nothing(self, solver) -> float:

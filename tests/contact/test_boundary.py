@@ -304,6 +304,20 @@ def test_what_follows_has_the_condition_of_the_plane_about_any_displacement(foll
         np.testing.assert_array_equal(about.tangential_row, first.tangential_row)
 
 
+def test_gaps_are_along_the_normals_where_nodes_come_to(follower, monkeypatch):
+    """Of an obstacle that is steeper there than where the nodes were: n_w . u <= d_w + n_w . w."""
+    following, _, _ = follower
+    there = np.array([0.6, -0.8])
+    monkeypatch.setattr(following, "surface", SimpleNamespace(
+        distance=lambda place, nodes: (np.full(len(place), 0.25), np.tile(there, (len(place), 1)))))
+    moved = np.random.default_rng(4).standard_normal((len(following.gids), 2))
+    about = following.about(moved, 0.0)
+    u, rigid = moved[np.searchsorted(following.gids, about.gid)], ~about.paired
+    assert rigid.any()
+    np.testing.assert_allclose(about.normal[rigid], np.tile(there, (rigid.sum(), 1)))
+    np.testing.assert_allclose(about.gap[rigid], 0.25 + u[rigid] @ there)
+
+
 def test_joints_are_rows_of_what_follows_as_well(follower, monkeypatch):
     following, _, _ = follower
     monkeypatch.setattr("driver.contact.joints.appended",

@@ -181,6 +181,40 @@ def test_what_is_to_come_is_told_from_three_changes_without_a_jump(changes, plan
     assert found.remaining == pytest.approx(remaining)
 
 
+@pytest.mark.parametrize("older, before, plan, remaining", [
+    (10 - 4e-5, 10 - 2e-5, [0, 0], 1.0), (10 - 5e-5, 10 - 2e-5, [0, 0], 1.0),
+    (10.0, 10 - 2e-5, [0, 0], 2e-6), (10 + 1e-5, 10 - 2e-5, [0, 0], 2e-6),
+    (10 - 4e-7, 10 - 2e-7, [0, 0], 2e-8), (10 - 4e-5, 10 - 2e-5, [0, 3], 5e-7),
+    (10 - 4e-5, 10 - 2e-5, [3, 0], 2e-6), (10 - 4e-5, 10 - 2e-4, [0, 3], 1.0)])
+def test_small_changes_that_go_on_are_not_what_tolerances_leave_open(older, before, plan,
+                                                                     remaining):
+    """Forces of three cycles, the last 10, of which tolerances leave 9e-6 open: changes by less
+    count if they add up over two cycles and are no less than residuals. Over a jump the difference
+    itself is compared, as no jump makes rounding larger.
+    """
+    last = abs(before - older) / 10
+    past = Past(3, plan, [{"change": 1.0}, {"change": last}], before={"n": np.array([before, 5.0])},
+                older={"n": np.array([older, 5.0])}, way=np.ones(2))
+    past.rows = [row | {"slip": 1.0, "drift": 0.0} for row in past.rows]
+    found = judged(past, types.SimpleNamespace(index=8, time=1.0), {"u_t": np.zeros(2)},
+                   {"n": np.array([10.0, 5.0])},
+                   lambda *parts: max(float(np.abs(part).max()) for part in parts), 1e-9, 9e-6)
+    assert found.remaining == pytest.approx(remaining)
+
+
+def test_slow_wear_has_not_settled(solved, named_scene):
+    """A held strip loses 1e-5 of its pressure in every cycle, and half of it in 70,000: that is a
+    third of what tolerances leave open between cycles (`settled` had been said after the third).
+    """
+    k = 1e-5 / (OEDOMETER * 4 * (U0 - F * P / G))
+    run = solved(named_scene("held", STRIP.replace(*HELD)), cells=2, steps=10, wears=k,
+                 held=P / OEDOMETER, cycles="6 until settled")
+    found = cycles_of(run)
+    assert 0.8e-5 < found["change"][2:].min() < found["change"][2:].max() < 1.2e-5
+    assert list(found["settled"]) == ["no"] * 6 and found["remaining"].min() > 0.1
+    assert any("not settled" in line for line in run.summary["warnings"])
+
+
 @pytest.mark.parametrize("jumped, given", [([0, 3], None), ([0], [0, 3])])
 def test_a_history_is_as_long_as_its_cycles_that_are_computed(jumped, given):
     """Two steps, then five cycles of eight, of which three are jumped over, as known or given."""

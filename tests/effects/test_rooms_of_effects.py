@@ -81,6 +81,8 @@ def test_displacement_counts_from_the_origin():
     ("displacement", [0.2, 0.9, 0.5], [0.0, 3.0], [0.9, 0.9]),  # any may come
     ("slip", [0.2, 0.9, 0.5], [0.0, 0.5], [0.9, 0.9]),
     ("slip", [0.2, 0.9, 0.5], [1.0, 1.5], [0.9, 0.7]),  # slip does not get less
+    ("slip", [0.2, 0.4, 0.9], [0.0, 0.5], [0.9, 0.9]),  # beyond the next place of the table, too
+    ("slip", [0.9, 0.2, 0.5], [0.5, 1.0], [0.55, 0.5]),
     ("slip", [0.2, 0.9, 0.5], [2.0, 3.0], [0.5, 0.5]), ("slip", [0.2, 0.4, 0.9], [1.5, 2.0],
                                                         [0.9, 0.9])])
 def test_the_largest_factor_is_that_of_slip_to_come(argument, values, slid, largest):
@@ -270,6 +272,8 @@ def test_tangents_of_a_power_law_are_its_slopes(m):
     assert not offset.any() and slope[2] == 0.0
     slope, _ = room.tangent(nodes, 0 * force, 0 * z, None, 0.0)  # a line has one everywhere
     np.testing.assert_allclose(slope[:2], 1 / (c * weight) if m == 1 else 0.0)
+    room.about(SimpleNamespace(faced=np.array([1.0, 0.5, 1.0])))  # half of the first faces nothing
+    np.testing.assert_allclose(room.closure(nodes, force, None), z * [2 ** (1 / m), 1.0, 0.0])
 
 
 def test_laws_of_nodes_add_up():

@@ -68,6 +68,7 @@ def gone_through(solver, of, wears=lambda cycle: 1.0, upto=99) -> list:
             solver.slip.elastic = solver.slip.elastic + way
             solver.effects.depth[[0, 1, 3]] += wears(of.past.number) / 2
             solver.motion = solver.motion + 0.25
+            solver.bodies.placed = solver.bodies.placed + 0.125
         force = np.array([4.0, 4, 0, 2, -2, 0]) * (1 + index % 2)
         step = SimpleNamespace(index=index, time=solver.times[index], multipliers=force,
                                friction_bound=np.abs(force[3:]), cycle=0, skips=0, grown=())
@@ -123,6 +124,8 @@ def test_jumps_carry_on_what_grows():
     # 0.5 a cycle in displacements and motions, whether computed or jumped over
     np.testing.assert_allclose(solver.slip.elastic, 20 * 0.5)
     np.testing.assert_allclose(solver.motion, 20 * 0.5)
+    np.testing.assert_allclose(solver.bodies.placed, 20 * 0.25)  # bodies rest where they come to
+    np.testing.assert_allclose(solver.older_motion, sum(plan) * 0.5)  # no step is as long as jumps
     grown = np.array([1.0 + 0.01 * (k + 1) for k in range(len(plan))])
     np.testing.assert_allclose(solver.effects.depth[[0, 1, 3]],
                                (grown * (1 + np.array(plan))).sum())
@@ -192,6 +195,9 @@ def test_cycles_go_on_from_a_checkpoint(stop):
     np.testing.assert_allclose(other.times, solver.times)
     np.testing.assert_allclose(other.amplitudes, solver.amplitudes)
     assert other.loads == solver.loads
+    for part in ("older", "before"):
+        kept, found = getattr(first.past, part), getattr(again.past, part)
+        assert set(found) == set(kept) and all((found[name] == kept[name]).all() for name in kept)
     gone_through(other, again)
     assert again.past.plan == of.past.plan
     for one, two in zip(again.past.rows, of.past.rows, strict=True):

@@ -68,6 +68,35 @@ def test_uniform_tension_is_reproduced_at_any_place(block, element):
     assert run.summary["probes"][0]["probe"] == "label5"
 
 
+RING = """include "scene.idp"
+border below(t=2., 5.) { x = t; y = 0.; label = 1; }
+border outside(t=0., 1.) { x = 5.; y = t; label = 2; }
+border outer(t=5., 4.) { x = t; y = 1.; label = 31; }
+border inner(t=4., 2.) { x = t; y = 1.; label = 32; }
+border inside(t=1., 0.) { x = 2.; y = t; label = 4; }
+body = buildmesh(below(6) + outside(2) + outer(2) + inner(5) + inside(2));
+macro axisymmetric() 1 //
+macro young() 100. //
+macro poisson() 0.25 //
+macro support() on(1, u2 = 0.) //
+macro load1() traction(31, 0.5, 2.) + traction(32, 0.25, -1.) //
+macro probeLabels() [31, 32, 1] //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("options", [{"element": "P1"}, {"element": "P2", "subdomains": 1}])
+def test_labels_of_a_ring_share_the_vertex_where_their_tractions_jump(solved, scene, options):
+    """Each has its traction times its own area, whatever the other one carries."""
+    table = read_table(solved(scene(RING), **options).directory / "probes.csv")
+    outer, inner = np.pi * (5**2 - 4**2), np.pi * (4**2 - 2**2)
+    force = np.column_stack([table["force_x"], table["force_y"]])
+    by = dict(zip(table["probe"].tolist(), force))
+    np.testing.assert_allclose(by["label31"], [0.5 * outer, 2 * outer], rtol=1e-10)
+    np.testing.assert_allclose(by["label32"], [0.25 * inner, -inner], rtol=1e-10)
+    assert by["label1"][1] == pytest.approx(inner - 2 * outer, rel=1e-8)
+
+
 @pytest.mark.parametrize("cut, element", [("1", "P1"), ("3", "P1"), ("4", "P2")])
 @pytest.mark.some(2)
 def test_forces_of_all_labels_balance(block, cut, element):
