@@ -8,7 +8,6 @@ What they do stands in driver/python; it is imported when it is first called.
 """
 
 from .errors import DriverError
-from .environment import package_error
 
 __all__ = ["DriverError", "open", "run"]
 
@@ -18,7 +17,7 @@ def run(scene, *, progress: bool | None = None, **options):
     try:
         from .python.run import run as run_scene
     except ImportError as problem:
-        raise package_error(problem) from None
+        raise _package_error(problem) from None
     return run_scene(scene, progress=progress, **options)
 
 
@@ -27,5 +26,11 @@ def open(directory):  # pylint: disable=redefined-builtin
     try:
         from .python.result import Result
     except ImportError as problem:
-        raise package_error(problem) from None
+        raise _package_error(problem) from None
     return Result(directory)
+
+
+def _package_error(problem: ImportError) -> DriverError:
+    from .environment import package_error  # here: an interrupt of a command is heeded the earlier
+
+    return package_error(problem)

@@ -2,8 +2,6 @@
 
 import errno
 import sys
-import tempfile
-import traceback
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -63,6 +61,8 @@ def defect(problem: Exception, log: Path | None = None) -> Defect:
 
     Notes of the exception, such as how the run may go on, end the line.
     """
+    import traceback  # here and below: what no run needs delays all, and the heed of interrupts
+
     name = problem.__class__.__name__
     said = " ".join([name] if str(problem) == name else [f"{name}:", *str(problem).split()])
     inside = [frame for frame in traceback.extract_tb(problem.__traceback__)
@@ -85,6 +85,8 @@ def defect_line(cause: str, trace: str, log: Path | None = None) -> str:
 def kept(trace: str, log: Path | None = None) -> str:
     """Where `trace` is: at the end of `log`, else in a file in a place for temporary ones, or lost.
     """
+    import tempfile
+
     try:
         if log is None:
             with tempfile.NamedTemporaryFile("w", prefix="driver-", suffix=".log", delete=False,
