@@ -11,8 +11,9 @@ from ..options import Settings
 from ..results.record import Record
 from . import caution, jumps, soundness, unresolved
 from .between_steps import Strides, finer
-from .budget import (OF_TIME, Part, advice, coarser, extrapolate, formal_order, mesh_knob, name_of,
+from .budget import (OF_TIME, Part, coarser, extrapolate, formal_order, mesh_knob, name_of,
                      located, of_one_step, ratio, summed)
+from .budget_words import advice
 from .free_peak import Peaks
 from .levels import Level, Levels, samples
 from .polygons import stand_for_curves

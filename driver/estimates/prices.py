@@ -28,8 +28,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..text import aligned, assignments, words
-from .budget import coarser, finer, ratio, share
+from .budget import coarser, finer, ratio
 from .jumps import Jumps
 
 ASKED = (0.1, 0.03, 0.01, 0.003, 0.001)
@@ -351,50 +350,3 @@ def lines(kinds: list, quantity: Quantity, whole: Whole) -> list[dict]:
             entry |= {"kind": name, **offers[name], "compared": offers}
         table.append(entry)
     return table
-
-
-# ---- words ---------------------------------------------------------------------------------------
-
-def seconds(value: float) -> str:
-    """Seconds, minutes or hours, two digits."""
-    for unit, size in (("s", 1.0), ("min", 60.0)):
-        if value < 100 * size:
-            return f"{value / size:.2g} {unit}"
-    return f"{value / 3600:.2g} h"
-
-
-def table(prices: dict) -> list[list[str]]:
-    """Head and rows of the list: accuracy, settings, seconds, memory, other kinds of meshes.
-
-    Of accuracies that take the same the finest has a row, of those that nothing reaches the first.
-    """
-    rows = [["to", "settings", "takes", "without estimates", "memory", "instead"]]
-    for entry in prices["lines"]:
-        asked = f"{100 * entry['accuracy']:g} %"
-        if "settings" not in entry:
-            row = [asked, f"more than {MOST / 1e6:g} million unknowns", "", "", "", ""]
-            rows += [row] if rows[-1][1:] != row[1:] else []
-            continue
-        others = [f"{assignments(offer['settings'])}: {seconds(offer['seconds'])}"
-                  for name, offer in entry["compared"].items() if name != entry["kind"]]
-        row = [asked, assignments(entry["settings"]), seconds(entry["seconds"]),
-               seconds(entry["seconds_bare"]), f"{entry['memory_mib']:.0f} MiB", "; ".join(others)]
-        if rows[-1][1:] == row[1:]:
-            rows.pop()
-        rows.append(row)
-    return rows
-
-
-def describe(prices: dict | None) -> list[str]:
-    """What the list is about and its table, as lines; where there is none, why."""
-    if not prices:
-        return []
-    if prices.get("reason"):
-        return [f"no prices of accuracy: {prices['reason']}"]
-    return [title(prices), *aligned(table(prices), "rlrrrl").splitlines()]
-
-
-def title(prices: dict) -> str:
-    """What a list with lines is about."""
-    now = share(prices["error"], prices["value"])
-    return f"what the {words(prices['quantity'])} would take, predicted (its error now: {now})"

@@ -3,7 +3,8 @@
 import numpy as np
 
 from ..results.touch import Touch
-from .budget import Part, share, vanishing
+from .budget import Part, vanishing
+from .budget_words import share
 from .caution import PRESSING, by_balance, fewest
 
 COARSE = 0.5  # relative error in energy from which coarser meshes tell nothing of a finer one

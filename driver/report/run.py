@@ -3,7 +3,10 @@
 import json
 from pathlib import Path
 
-from ..estimates import budget, prices
+from ..estimates import price_words
+from ..estimates.budget import vanishing
+from ..estimates.budget_words import (SOURCES, describe_energy, earlier, of_sums, share, titled,
+                                      unit)
 from ..results import screen
 from ..results.tables import BOUNDARIES, PROBES
 from ..units import generic
@@ -75,33 +78,32 @@ def _quantities(summary: dict) -> list[str]:
     errors, units = summary.get("errors", {}), summary["units"]
     entries = errors.get("quantities") or {name: {"value": value} for name, value
                                            in summary.get("quantities", {}).items()}
-    sources = [s for s in ("total", *budget.SOURCES) if any(s in e for e in entries.values())]
-    zero = budget.vanishing({name: entry["value"] for name, entry in entries.items()})
+    sources = [s for s in ("total", *SOURCES) if any(s in e for e in entries.values())]
+    zero = vanishing({name: entry["value"] for name, entry in entries.items()})
     rows, boundaries = [], len(summary.get("boundaries", []))
     for name, entry in entries.items():
-        shares = [budget.share(entry[s], entry["value"]) if s in entry else "" for s in sources]
+        shares = [share(entry[s], entry["value"]) if s in entry else "" for s in sources]
         if name in zero:
             shares = ["about 0", *[""] * (len(sources) - 1)][: len(sources)]
-        rows.append([budget.titled(name, boundaries), entry["value"], budget.unit(name, units),
-                     *shares])
-    time = budget.earlier(summary)
+        rows.append([titled(name, boundaries), entry["value"], unit(name, units), *shares])
+    time = earlier(summary)
     when = "" if time is None else (
         f"At t = {time:g}, where they are largest: by the end contact is lost.")
-    notes = budget.of_sums(entries, boundaries)
+    notes = of_sums(entries, boundaries)
     notes += [entry["note"] for entry in entries.values() if "note" in entry]
     return [page.paragraph(when),
             page.table(["quantity", "value", "unit", *map(HEADS.get, sources)], rows),
             page.bullets([*dict.fromkeys(notes), *errors.get("notes", [])]),
             page.paragraph(errors.get("advice", "")),
-            *map(page.paragraph, budget.describe_energy(errors.get("energy", {})))]
+            *map(page.paragraph, describe_energy(errors.get("energy", {})))]
 
 
 def _prices(found: dict | None) -> list[str]:
     """What the digits of a quantity would take; where there is no such list, why."""
-    lines = prices.describe(found)
+    lines = price_words.describe(found)
     if not found or not found["lines"]:
         return list(map(page.paragraph, lines))
-    head, *rows = prices.table(found)
+    head, *rows = price_words.table(found)
     return [page.paragraph(f"{lines[0].capitalize()}."), page.table(head, rows)]
 
 

@@ -21,7 +21,8 @@ from ..errors import DriverError, InputError, NoSolution, NotConverged
 from ..estimates.adjoint import unsuited
 from ..estimates.budget import (DOUBTFUL, FORMAL, SINGULAR, Part, extrapolate, finer,
                                 main_quantity, mesh_knob, name_of, observed_order, of_one_step,
-                                ratio, share, vanishing)
+                                ratio, vanishing)
+from ..estimates.budget_words import share
 from ..estimates.caution import FAST, HELD
 from ..estimates.free_peak import ROUNDING, UNSEEN
 from ..estimates.successive import mesh_parts

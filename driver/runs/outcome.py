@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from ..estimates import budget, prices
+from ..estimates import budget_words, price_words
 from ..results import screen
 from ..text import counted, shown
 
@@ -27,9 +27,9 @@ def describe(summary: dict, out: Path) -> str:
              *screen.boundaries(summary.get("boundaries", []), summary["units"]),
              *screen.probes(summary.get("probes", []), summary["units"]),
              *screen.cycles(summary.get("cycles"), summary["units"]),
-             *budget.describe(summary.get("errors", {}), summary["units"],
-                              budget.earlier(summary), len(summary.get("boundaries", []))),
-             *prices.describe(summary.get("errors", {}).get("prices")),
+             *budget_words.describe(summary.get("errors", {}), summary["units"],
+                              budget_words.earlier(summary), len(summary.get("boundaries", []))),
+             *price_words.describe(summary.get("errors", {}).get("prices")),
              *screen.warnings(summary["warnings"])]
     return "\n  ".join(lines)
 

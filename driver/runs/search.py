@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ..errors import DriverError, NoSolution, error_of
 from ..estimates import between_steps
-from ..estimates.budget import share
+from ..estimates.budget_words import share
 from ..results.summary import largest_memory
 from . import goal, trials
 from .request import Request

@@ -22,7 +22,8 @@ from ..effects import Effects
 from ..effects.quasistatic import proportional
 from ..errors import DriverError, NotConverged
 from ..estimates.between_steps import misses
-from ..estimates.budget import SOURCES, Part, extrapolate, formal_order, ratio, share, summed
+from ..estimates.budget import Part, extrapolate, formal_order, ratio, summed
+from ..estimates.budget_words import SOURCES, share
 from ..estimates.companions import LEFT
 from .tolerances import TIGHTER, left, much_tighter, scaled, tightened
 

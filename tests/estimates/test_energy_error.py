@@ -9,7 +9,7 @@ import pytest
 from mpi4py import MPI
 
 from bounds import expected_total, true_error
-from driver.estimates import budget, energy
+from driver.estimates import budget_words, energy
 from driver.estimates.bound import COULOMB, EARLIER, coupling
 from driver.estimates.energy import EnergyEstimator, of_time
 
@@ -134,7 +134,7 @@ def test_what_coulombs_law_and_time_add_is_named_beside_the_bound(solved):
     work = run.summary["errors"]["quantities"]["dissipated_energy"]["time"]
     assert found["time"] ** 2 / 2 == pytest.approx(work)
     assert {EARLIER, COULOMB} < set(found["excluded"])
-    words = budget.describe_energy(found)
+    words = budget_words.describe_energy(found)
     assert "Coulomb's law about" in words[1] and EARLIER in words[2]
     given = solved("model-tresca", cells=3, steps=1, errors="energy").summary["errors"]["energy"]
     assert given["coupling"] == 0 and not {EARLIER, COULOMB} & set(given["excluded"])

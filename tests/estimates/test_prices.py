@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from driver.estimates import prices
+from driver.estimates import price_words, prices
 from driver.estimates.alternatives import Alternatives
 from driver.estimates.budget import Part
 from driver.estimates.prices import Adaptive, Costs, Measured, Quantity, Uniform, Whole
@@ -212,7 +212,7 @@ def test_accuracies_that_take_the_same_have_one_row():
     offer = {"settings": {"H": "0.1"}, "seconds": 2.0, "seconds_bare": 1.0, "memory_mib": 90.0}
     reached = [{"accuracy": asked, "kind": "P1", **offer, "compared": {"P1": offer}}
                for asked in (0.1, 0.03, 0.01)]
-    head, *rows = prices.table({"lines": [*reached, {"accuracy": 0.003}, {"accuracy": 0.001}]})
+    head, *rows = price_words.table({"lines": [*reached, {"accuracy": 0.003}, {"accuracy": 0.001}]})
     assert [row[0] for row in rows] == ["1 %", "0.3 %"] and len(head) == len(rows[0])
     assert "H=0.1" in rows[0] and rows[1][1].startswith("more than")
 
@@ -251,12 +251,12 @@ def test_steps_of_a_static_scene_are_no_choice():
 
 def test_words():
     found = {"quantity": "slip", "value": -1.0, "error": 0.011, "lines": a_list()}
-    lines = prices.describe(found)
+    lines = price_words.describe(found)
     assert lines[0] == "what the slip would take, predicted (its error now: 1.1 %)"
     assert any("H=0.4 STEPS=5" in line for line in lines)
-    assert prices.describe({"reason": "the slip is zero", "lines": []}) == [
+    assert price_words.describe({"reason": "the slip is zero", "lines": []}) == [
         "no prices of accuracy: the slip is zero"]
-    assert [prices.seconds(s) for s in (0.123, 60.0, 600.0, 90000.0)] == [
+    assert [price_words.seconds(s) for s in (0.123, 60.0, 600.0, 90000.0)] == [
         "0.12 s", "60 s", "10 min", "25 h"]
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from driver.errors import InputError, NotConverged
-from driver.estimates import alternatives, budget, energy, soundness
+from driver.estimates import alternatives, budget, budget_words, energy, soundness
 from driver.estimates.between_steps import Strides
 from driver.estimates.bound import Estimate, _root, coupling
 from driver.estimates.budget import Part, mesh_knob
@@ -24,7 +24,7 @@ UNITS = {"length": "mm", "stress": "MPa"}
     (1e-5, -1.0, "0.001 %"), (0.00234, 1.0, "0.23 %"), (0.0234, -1.0, "2.3 %"),
     (0.234, 1.0, "23 %"), (2.34, 1.0, "234 %")])
 def test_errors_are_read_as_parts_of_the_value(error, value, words):
-    assert budget.share(error, value) == words
+    assert budget_words.share(error, value) == words
 
 
 def test_the_budget_is_a_table():
@@ -34,15 +34,15 @@ def test_the_budget_is_a_table():
         "slip": {"value": 0.01, "mesh": None, "time": 1e-4, "total": None, "note": "why not"},
         "tangential_resultant": {"value": 1e-18, "mesh": 1e-19, "total": 1e-19}},
         "advice": "take more", "notes": ["a note"], "energy": {"reason": "a point load"}}
-    head, force, slip, zero, *rest = budget.describe(errors, UNITS)
+    head, force, slip, zero, *rest = budget_words.describe(errors, UNITS)
     assert head.split() == ["estimated", "errors", "value", "mesh", "time", "solver", "total"]
     assert force.split() == ["normal", "resultant", "[N/mm]", "50", "1.0", "%", "0", "1.0", "%"]
     assert slip.split() == ["slip", "[mm]", "0.01", "?", "1.0", "%", "?", "why", "not"]
     assert zero.split() == ["tangential", "resultant", "[N/mm]", "about", "0", "within", "1e-19"]
     assert rest == ["take more", "a note", "no error in the energy norm: a point load"]
     assert len({len(line) for line in (head, force)}) == 1
-    assert budget.describe({"energy": {}}, UNITS) == []
-    head, force, *_ = budget.describe(errors, UNITS, 0.5)
+    assert budget_words.describe({"energy": {}}, UNITS) == []
+    head, force, *_ = budget_words.describe(errors, UNITS, 0.5)
     assert "estimated errors at time 0.5 " in head and len(head) == len(force)
 
 
@@ -54,31 +54,31 @@ def test_resultants_of_several_boundaries_are_called_sums(boundaries, title, sai
     errors = {"quantities": {name: {"value": 2.0, "mesh": 0.1, "total": 0.1}
                              for name in ("slip", "normal_resultant")},
               "advice": "", "notes": [], "energy": {}}
-    head, slip, force, *notes, _ = budget.describe(errors, UNITS, None, boundaries)
+    head, slip, force, *notes, _ = budget_words.describe(errors, UNITS, None, boundaries)
     assert force.startswith(f"{title} ") and slip.startswith("slip [mm] ")
     assert len(head) == len(slip) == len(force) and len(notes) == len(said)
     assert all(words in note for words, note in zip(said, notes))
-    assert budget.of_sums(["displacement"], boundaries) == []
+    assert budget_words.of_sums(["displacement"], boundaries) == []
 
 
 @pytest.mark.parametrize("time, end, said", [
     (1.0, 2.0, 1.0), (2.0, 2.0, None), (None, 2.0, None), (2.0 - 1e-15, 2.0, None)])
 def test_the_time_of_the_quantities_is_said_where_it_is_not_the_end(time, end, said):
     summary = {"t_end": end} | ({} if time is None else {"quantities_time": time})
-    assert budget.earlier(summary) == said
+    assert budget_words.earlier(summary) == said
 
 
 def test_the_error_in_the_energy_norm_in_words():
     entry = {"kind": "equilibrated", "mesh": 0.1, "solver": 0.0, "friction": 0.02,
              "correction": 0.01, "total": 0.15, "norm": 1.0, "coupling": 0.03,
              "excluded": ["curved boundaries"]}
-    first, beside, left = budget.describe_energy(entry)
+    first, beside, left = budget_words.describe_energy(entry)
     assert "at most 15 % (mesh 10 %, solver 0, friction 2.0 %, correction 1.0 %)" in first
     assert beside == "beside it in the energy norm: Coulomb's law about 3.0 %"
-    _, beside, _ = budget.describe_energy({**entry, "coupling": 9.6})  # digits of nothing
+    _, beside, _ = budget_words.describe_energy({**entry, "coupling": 9.6})  # digits of nothing
     assert beside == "beside it in the energy norm: Coulomb's law more than 100 %"
     assert left == "not in it: curved boundaries"
-    smoothed = budget.describe_energy({**entry, "kind": "recovery", "coupling": 0.0,
+    smoothed = budget_words.describe_energy({**entry, "kind": "recovery", "coupling": 0.0,
                                        "time": 0.04, "excluded": []})
     assert "about 1" in smoothed[0] and smoothed[0].endswith("no bound, by smoothed stresses")
     assert smoothed[1:] == ["beside it in the energy norm: time steps about 4.0 %"]
@@ -95,7 +95,7 @@ def test_the_error_in_the_energy_norm_in_words():
      "the error of the normal resultant from mesh and time step is not known")])
 def test_advice_is_of_the_largest_part(parts, words):
     remedies = {"mesh": "H=1", "time": "STEPS=9"}
-    assert budget.advice({"displacement": {}, "normal_resultant": parts}, remedies) == words
+    assert budget_words.advice({"displacement": {}, "normal_resultant": parts}, remedies) == words
 
 
 # ------------------------------------------------------------------------------ energy

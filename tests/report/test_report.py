@@ -9,7 +9,7 @@ import pytest
 
 from driver import cli, options
 from driver.errors import InputError
-from driver.estimates import budget
+from driver.estimates import budget_words
 from driver.figures import redraw
 from driver.files import STUDY, write_table
 from driver.report import page
@@ -75,7 +75,7 @@ def test_every_run_leaves_a_page_by_itself(finished):
     assert "Converged in 2 steps" in page.words
     values = {row[0]: row[1:3] for row in page.rows if len(row) > 2}
     for name, value in finished.summary["quantities"].items():
-        assert values[budget.titled(name, 2)][0] == f"{value:.4g}"
+        assert values[budget_words.titled(name, 2)][0] == f"{value:.4g}"
     assert "passes through both of them counts at each" in page.words
     assert values["normal resultant, sum of 2"][1] == "N/mm"
     assert values["dissipated energy"][1] == "J/m"

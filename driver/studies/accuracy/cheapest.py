@@ -3,7 +3,7 @@
 import math
 import statistics
 
-from ...estimates.budget import unit
+from ...estimates.budget_words import unit
 from ...text import aligned, percent, words
 from .reference import Reference
 from .trial import Trial

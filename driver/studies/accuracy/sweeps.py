@@ -27,7 +27,8 @@ from pathlib import Path
 from ... import options
 from ...effects import Effects
 from ...errors import PARTIAL, DriverError, InputError, error_of
-from ...estimates.budget import mesh_knob, unit
+from ...estimates.budget import mesh_knob
+from ...estimates.budget_words import unit
 from ...files import write_table
 from ...options import RESULTS
 from ...runs import guard
