@@ -207,6 +207,7 @@ def legend_words(figure) -> list[str]:
 def boxes(figure) -> dict:
     """Bounding boxes in pixels of everything written outside the axes, and of the axes
     themselves."""
+    figure.draw_without_rendering()  # which places the names of axes
     renderer = figure.canvas.get_renderer()
     found = {"title": figure.texts[0], "identity": figure.texts[1],
              **dict(enumerate(figure.legends))}
