@@ -71,7 +71,7 @@ def of_obstacles(motion, steps: int, stride: int = 1) -> dict[str, tuple[float, 
 def half_turns(motion) -> list[str]:
     """A line where a step turns an obstacle by half a turn or more, of an ObstacleMotion or None.
 
-    Of such a turn the step sees but where it ends.
+    Friction has the whole way, but of where the obstacle stands in between the step sees nothing.
     """
     if motion is None:
         return []
@@ -80,7 +80,7 @@ def half_turns(motion) -> list[str]:
     if turns[k] < np.pi * (1 - ROUNDING):
         return []
     return [f"obstacleAngle turns an obstacle by {turns[k]:.3g} rad, {turns[k] / (2 * np.pi):.2g} "
-            f"turns, in step {k + 1}: steps do not follow half a turn or more; angles are in "
+            f"turns, in step {k + 1}: where it stands in between is not seen; angles are in "
             "radians: if that is meant, take more STEPS"]
 
 

@@ -170,8 +170,8 @@ class Caution:
 
     def beside(self, part: Part, value: float, peaks: list[tuple[Peaks, Peaks]],
                touches: list[Touch], ratios: list[float]) -> Part:
-        """The `part` of the largest displacement beside what other places may have; `peaks` of
-        finer and coarser meshes as of free_peak.exceeded.
+        """The `part` of the largest displacement, no less than what other places may have beyond
+        it; `peaks` of finer and coarser meshes as of free_peak.exceeded.
         """
         most = self.order(touches, ratios)
         return exceeded(part, value, peaks, ratios,

@@ -73,14 +73,14 @@ class _Boundary:
         ends = mesh.triangles[triangle[:, None], (k[:, None] + [0, 1]) % 3]
         vertex, known, edges = np.unique(ends, return_index=True, return_inverse=True)
         place = corner[:, :2].reshape(-1, 2)
-        outward = -_turned(corner[:, 1] - corner[:, 0])
+        outward = -turned_left(corner[:, 1] - corner[:, 0])
         edges, copied, nodes = split(edges.reshape(-1, 2), outward,
                                      np.searchsorted(vertex, nodes), facing)
         twins = np.column_stack([copied, len(vertex) + np.arange(len(copied))])
         vertex, place = np.append(vertex, vertex[copied]), place[np.append(known, known[copied])]
         now = place if about is None else place + about[vertex]
         along = now[edges[:, 1]] - now[edges[:, 0]]
-        normal = -_turned(along) / np.linalg.norm(along, axis=1)[:, None]
+        normal = -turned_left(along) / np.linalg.norm(along, axis=1)[:, None]
         length = np.linalg.norm(corner[:, 1] - corner[:, 0], axis=1)
         return cls(Side(now, edges, normal, length=length), vertex, triangle, corner, nodes, twins)
 
@@ -123,7 +123,7 @@ class PairBound:
                                         self.second.side.edge_normal)
         self.parts = segments(self.first.side, self.second.side, able)
         self.normal = self.first.side.nodal_normals()
-        self.tangent = _turned(self.normal)
+        self.tangent = turned_left(self.normal)
         n, edges = len(self.first.vertex), self.first.side.edges
         place = self.first.place
         # on all vertices of the side, zero where there is no contact node
@@ -239,7 +239,7 @@ class PairBound:
         gap, before = (self.first.at(values, p.edge, p.at) for values in (self.gap, self.before))
         distance, slip = np.full(points, np.inf), np.zeros(points)
         np.minimum.at(distance, point, (gap - (jump * normal).sum(axis=2)) / size)
-        np.add.at(slip, point, (jump * _turned(unit)).sum(axis=2) - before)
+        np.add.at(slip, point, (jump * turned_left(unit)).sum(axis=2) - before)
         slip /= np.maximum(np.bincount(point.ravel(), minlength=points), 1)
         direction = np.zeros((points, 2))
         direction[point] = unit
@@ -260,7 +260,7 @@ class PairBound:
         stuck = self.own_tangential & free & (stiffness * np.abs(slip[:n]) <= lost)
         between = (stuck | ~self.own_tangential)[ends].all(axis=1)
         stuck = np.concatenate([stuck, between]) & seen
-        return move - (self.frictional * stuck * slip)[:, None] * _turned(direction)
+        return move - (self.frictional * stuck * slip)[:, None] * turned_left(direction)
 
     def _agreed(self, move: np.ndarray, free: np.ndarray) -> np.ndarray:
         """Moves (points, 2) whose vertices at corners have one move that both normals see alike."""
@@ -299,14 +299,14 @@ class PairBound:
             distance = np.zeros(len(normal)) if self.bilateral else np.maximum(distance, 0.0)
             total += share * self._length @ (-(force * normal).sum(axis=1) * distance)
             if self.frictional:
-                tangent = _turned(normal)
+                tangent = turned_left(normal)
                 slip = (moved * tangent).sum(axis=1) - _between(before, s)
                 total += share * self._length @ ((force * tangent).sum(axis=1) * slip)
         if self.frictional:
             unit = self._frame[0] / self._frame[1][..., None]
-            slip = (jump * _turned(unit)).sum(axis=2) - before
+            slip = (jump * turned_left(unit)).sum(axis=2) - before
             middle = unit.sum(axis=1) / np.linalg.norm(unit.sum(axis=1), axis=1)[:, None]
-            middle = (jump.mean(axis=1) * _turned(middle)).sum(axis=1) - before.mean(axis=1)
+            middle = (jump.mean(axis=1) * turned_left(middle)).sum(axis=1) - before.mean(axis=1)
             total += slid(self._length, bound, slip, middle - slip.mean(axis=1))
         return float(total)
 
@@ -314,11 +314,6 @@ class PairBound:
 def _between(ends: np.ndarray, s: float) -> np.ndarray:
     """(m, ...) values at the place s in [0, 1] of fields linear between their ends (m, 2, ...)."""
     return (1.0 - s) * ends[:, 0] + s * ends[:, 1]
-
-
-def _turned(direction: np.ndarray) -> np.ndarray:
-    """Vectors (..., 2) turned by +90 degrees."""
-    return turned_left(direction)
 
 
 def _spread(n: int, here: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -9,8 +9,8 @@ long as anything slides, the worn depth at last grows by as much in every cycle.
 What cycles to come would still change is the sum of the geometric series that the last changes
 begin. That takes three of them: from the first one, of the cycle after the loads were put on, to
 the next they fall by a lot, and go on as slowly as surfaces wear or friction changes with slip.
-Changes that tolerances leave open go to and fro: two of them that add up, cycle after cycle by
-less than that, are those of a surface that wears slowly, and many of them are a lot.
+Changes that tolerances leave open go to and fro. Changes as small that go on in one direction are
+those of surfaces that wear slowly; over many cycles they are a lot.
 """
 
 import re
@@ -146,8 +146,8 @@ def _difference(forces: dict, others: dict, largest) -> float:
 def _goes_on(past: Past, forces: dict, change: float, size: float, largest,
              rounded: float) -> bool:
     """Whether a `change` that tolerances may leave open goes on from the last one, as where
-    surfaces wear: both are more than what residuals are, and the change over both adds up. Of two
-    cycles alone it may.
+    surfaces wear: both are more than what residuals are, and the change over both adds up. After
+    two cycles it may: nothing tells yet.
     """
     last = past.rows[-1]["change"]
     if any(past.plan[-2:]) or min(change, last) <= rounded / ROUNDED:

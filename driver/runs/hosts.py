@@ -131,7 +131,7 @@ def check(directory: Path, ranks: int) -> None:
     command = [children.program("mpirun"), "--npernode", "1", "sh", "-c", LOOK, "sh",
                str(directory), *map(str, needed)]
     done = children.run_child(command, env=children.child_environment(), text=True,
-                                 stdout=subprocess.PIPE, stderr=subprocess.PIPE, errors="replace")
+                              stdout=subprocess.PIPE, stderr=subprocess.PIPE, errors="replace")
     token.unlink()
     if done.returncode:
         raise InputError(unreachable(done.stdout, done.stderr))

@@ -28,7 +28,8 @@ def describe(summary: dict, out: Path) -> str:
              *screen.probes(summary.get("probes", []), summary["units"]),
              *screen.cycles(summary.get("cycles"), summary["units"]),
              *budget_words.describe(summary.get("errors", {}), summary["units"],
-                              budget_words.earlier(summary), len(summary.get("boundaries", []))),
+                                    budget_words.earlier(summary),
+                                    len(summary.get("boundaries", []))),
              *price_words.describe(summary.get("errors", {}).get("prices")),
              *screen.warnings(summary["warnings"])]
     return "\n  ".join(lines)

@@ -159,8 +159,8 @@ def _run(program: Path, scene: Path, directory: Path, parameters: dict[str, str]
         command += [word for name, value in given.items()
                     for word in (f"-{spelled.get(name, name)}", value)]
         return children.run_child(command, meanwhile, env=env, stdout=subprocess.PIPE,
-                                     stderr=subprocess.STDOUT, text=True, errors="replace",
-                                     cwd=scene.parent)
+                                  stderr=subprocess.STDOUT, text=True, errors="replace",
+                                  cwd=scene.parent)
 
     done = start(ranks, meanwhile)
     if done.returncode != 0 and size.check(done.stdout, parameters,

@@ -13,9 +13,12 @@ from . import grammar, rooms
 
 # in code without blanks
 SET = re.compile(r"(?<![.\w])(label|region|x|y)=(?!=)")
-COMPARES = re.compile(r"[<>=!]=|[<>]")
+EQUALS, ORDERS = re.compile(r"[=!]="), re.compile(r"[<>]=?")
+STREAM = re.compile("<<|>>")
 NUMBER = re.compile(r"[-+]?[\d.]+")
-INTEGER = re.compile(r'\bint\s+(?:[^;()]*,\s*)?(\w+)\s*=\s*physical\s*\(\s*"([^"]*)"\s*,([^()]*)\)')
+# a value by itself, which no factor makes whole
+INTEGER = re.compile(r'\bint\s+(?:[^;()]*,\s*)?(\w+)\s*=\s*physical\s*\(\s*"([^"]*)"\s*,([^()]*)\)'
+                     r"\s*[,;]")
 
 
 def check(scene: Path, parameters: dict[str, str]) -> None:
@@ -85,8 +88,8 @@ def _mistake(content: str) -> str:
     if found := SET.search(code):
         return f"sets {found[1]} by a single =; what compares has two: {found[1]} == ..."
     for term in _terms(code):
-        sides = re.split(r"&&?|\|\|?", term)
-        if chained := next((side for side in sides if len(COMPARES.findall(side)) > 1), ""):
+        sides = [side for side in re.split(r"&&?|\|\|?", term) if not STREAM.search(side)]
+        if chained := next(filter(_chained, sides), ""):
             return (f"compares three things at once, which FreeFEM takes one after the other: "
                     f"{chained}; write  a < b && b < c")
         if len(sides) > 1 and (alone := next(filter(NUMBER.fullmatch, sides), "")):
@@ -95,10 +98,18 @@ def _mistake(content: str) -> str:
     return ""
 
 
+def _chained(side: str) -> bool:
+    """Whether more than two values are compared; < and > bind before == and !=."""
+    parts = EQUALS.split(side)
+    return len(parts) > 2 or any(len(ORDERS.findall(part)) > 1 for part in parts)
+
+
 def _terms(code: str) -> list[str]:
-    """What stands between ?, :, and commas, brackets apart, each of which a letter stands for."""
+    """What stands between ?, :, commas and ends of statements, brackets apart, each of which a
+    letter stands for.
+    """
     groups = []
     while found := grammar.NESTED.search(code):
         groups.append(found[0][1:-1])
         code = f"{code[: found.start()]}u{code[found.end():]}"
-    return [term for group in [*groups, code] for term in re.split(r"[?:,]", group)]
+    return [term for group in [*groups, code] for term in re.split(r"[?:,;{}]", group)]

@@ -79,7 +79,7 @@ def test_the_error_in_the_energy_norm_in_words():
     assert beside == "beside it in the energy norm: Coulomb's law more than 100 %"
     assert left == "not in it: curved boundaries"
     smoothed = budget_words.describe_energy({**entry, "kind": "recovery", "coupling": 0.0,
-                                       "time": 0.04, "excluded": []})
+                                             "time": 0.04, "excluded": []})
     assert "about 1" in smoothed[0] and smoothed[0].endswith("no bound, by smoothed stresses")
     assert smoothed[1:] == ["beside it in the energy norm: time steps about 4.0 %"]
 

@@ -160,7 +160,7 @@ def searched(monkeypatch):
         given = []
         caution = SimpleNamespace(
             parts=lambda *of: given.append(of) or dict.fromkeys(VALUES, Part(error)),
-            beside=lambda part, *_: part)
+            beside=lambda part, *of: given.append(of) or part)
         for owner, name, answer in (
                 (successive.adjoint, "assess", ({"normal_resultant": 1.0}, {"smoothed": 0.01})),
                 (successive, "of_level", energy), (successive.Peaks, "of_level", None),
@@ -189,6 +189,9 @@ def test_a_search_claims_no_more_than_a_run_would(searched):
     found, given = searched(1.5 * max(VALUES.values()), {})
     assert [name for name, part in found.items() if part.error is not None] == ["normal_resultant"]
     assert given[0][-1] == [0.02, 0.05]
+    value, peaks, touches, ratios = given[1]
+    assert value == VALUES["displacement"] and len(peaks) == 1 and len(touches) == 2
+    assert ratios == [2.0]
 
 
 def test_what_may_be_nothing_but_its_own_error_has_no_claim():

@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from driver import children, environment
+from driver import children
 
 SCRIPT = """
 import sys

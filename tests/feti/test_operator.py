@@ -12,7 +12,7 @@ from small_scenes import halved
 from mpi4py import MPI
 from driver.hard.oracle import Assembled
 
-from driver import children, environment
+from driver import children
 from driver.feti import numbering, reduction
 from driver.feti.dirichlet import DirichletPreconditioner, _inverse
 from driver.feti.dual_problem import DualProblem

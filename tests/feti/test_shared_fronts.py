@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from driver import children, environment
+from driver import children
 from driver.feti import elimination_tree
 from driver.feti.elimination_tree import EliminationTree
 from driver.feti.fronts import GluingElimination

@@ -9,7 +9,7 @@ import meshio
 import numpy as np
 import pytest
 
-from driver import children, environment
+from driver import children
 from driver.contact.states import ContactField
 from driver.files import read_fields, read_table
 from driver.results import contact_lines

@@ -157,7 +157,7 @@ def test_ranks_that_die_while_they_wait_end_the_run(tmp_path):
 def test_a_child_is_heard_while_something_else_is_done():
     """What it prints is more than a pipe holds: it would wait for ever."""
     done = children.run_child([sys.executable, "-c", "print('x' * 1000000)"], lambda: True,
-                                 stdout=subprocess.PIPE, text=True)
+                              stdout=subprocess.PIPE, text=True)
     assert done.returncode == 0 and len(done.stdout) == 1000001
 
 

@@ -90,7 +90,7 @@ include "export.idp"
 def test_a_thin_body_may_keep_its_volume(solved, named_scene, material, element):
     """A strip of rubber that widens between walls: E eps_y = sigma_y - nu sigma_x.
 
-    It widens by 0.01 of its width, where without walls it were nu 0.2 / E; sigma_y = -0.07.
+    It widens by 0.01 of its width, where without walls it would be nu 0.2 / E; sigma_y = -0.07.
     """
     text = RUBBER
     if material:

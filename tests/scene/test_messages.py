@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from driver.errors import InputError
-from driver.scene import declarations, explain, freefem, grammar, script, size
+from driver.scene import declarations, explain, freefem, grammar, pitfalls, script, size
 from driver.scene.manifest import announced
 from driver.scene.rooms import all_macros
 
@@ -518,6 +518,17 @@ def test_mistakes_that_freefem_takes_for_something_else(said, formula, helper, w
     assert words in said(("macro friction() F //", f"{helper}macro friction() {formula} //"))
 
 
+@pytest.mark.parametrize("text", [
+    'int n = physical("ratio", 1.5)*10;', 'int on = physical("share", 0.5) > 0.2, k = 3;',
+    'int n = physical("number", 12);',
+    "macro said() { bool a = x < 1.; bool b = y < 1.; cout << a << b << endl; } //\nsaid;"])
+def test_what_is_no_mistake_is_not_refused(tmp_path, text):
+    path = tmp_path / "mine.edp"
+    path.write_text(SCENE.replace("macro friction() F //",
+                                  f"{text}\nmacro friction() (said ? F : F) //"))
+    pitfalls.check(path, {})
+
+
 @pytest.mark.parametrize("helper, words", [
     ('real mu = physical("mu", 0.3), low = physical("Mu", 0.2);', "the parameters mu and Mu differ "
      "by capitals alone, and MU= would set one of them"),
@@ -530,6 +541,7 @@ def test_mistakes_that_only_an_option_shows(said, tmp_path, helper, words):
 
 
 @pytest.mark.parametrize("formula", [
+    "(x > 1. == y > 0.5 ? 0.3 : 0.1)", "(x < 1. != y < 0.5 || label == 4 ? 0.3 : 0.1)",
     "(x <= 1. || x >= 0. && label != 4 ? 0.3 : 0.1)", "(3 - -1 == label ? 0.3 : 0.1)",
     "(x < 1. ? (y < 1. ? 0.3 : 0.2) : 0.)", "0.3*(x > 0.)*(x < 1.) + 0.1*(k > 0 || x > 0.)",
     "(label == 10*k - 9 ? 0.3 : 0.1)", "(10*k - 9 == label ? 0.3 : 0.1)",
