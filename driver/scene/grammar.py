@@ -343,7 +343,7 @@ def _check_parameters(source: Source) -> None:
             if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name):
                 raise InputError(f"{place}'{name}' cannot name a parameter: it needs letters, "
                                  "digits and _, as in slip_range")
-            if name in (*RESERVED, *OF_LIBRARY) or name.lower() in options.OF_RUNS:
+            if name in RESERVED or name.lower() in (*OF_LIBRARY, *options.OF_RUNS):
                 raise InputError(f"{place}a parameter cannot be called {name}: the word has a "
                                  "meaning for the driver or FreeFEM; choose another")
 

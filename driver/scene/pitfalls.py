@@ -14,6 +14,7 @@ from . import grammar, rooms
 # in code without blanks
 SET = re.compile(r"(?<![.\w])(label|region|x|y)=(?!=)")
 EQUALS, ORDERS = re.compile(r"[=!]="), re.compile(r"[<>]=?")
+CALLS = {"h": "meshSize", "cells": "rectangle"}  # what reads parameters of the library
 STREAM = re.compile("<<|>>")
 NUMBER = re.compile(r"[-+]?[\d.]+")
 # a value by itself, which no factor makes whole
@@ -71,7 +72,8 @@ def _has_decimals(value: str) -> bool:
 
 def _check_capitals(files: list[grammar.Source], given: dict[str, str]) -> None:
     """No two parameters that are `given` have names that differ by capitals alone."""
-    known: dict[str, str] = {}
+    code = "\n".join(line for source in files for line in source.code)
+    known = {name: name for name, call in CALLS.items() if re.search(rf"\b{call}\s*\(", code)}
     for source in files:
         for number, line in enumerate(source.code, 1):
             for name in grammar.PARAMETER.findall(line):

@@ -540,6 +540,15 @@ def test_mistakes_that_only_an_option_shows(said, tmp_path, helper, words):
     freefem.export(tmp_path / "mine.edp", tmp_path / "export", SMALL)
 
 
+@pytest.mark.parametrize("name, parameters, words", [
+    ("Cells", SMALL, "the parameters cells and Cells differ"),
+    ("Steps", {}, "a parameter cannot be called Steps")])
+def test_parameters_of_the_library_have_no_doubles(said, name, parameters, words):
+    """A size that is given, as for companions, would have set the scene's own number alone."""
+    assert words in said(("macro friction() F //", f'real high = physical("{name}", 2.);\n'
+                          "macro friction() F //"), parameters=parameters)
+
+
 @pytest.mark.parametrize("formula", [
     "(x > 1. == y > 0.5 ? 0.3 : 0.1)", "(x < 1. != y < 0.5 || label == 4 ? 0.3 : 0.1)",
     "(x <= 1. || x >= 0. && label != 4 ? 0.3 : 0.1)", "(3 - -1 == label ? 0.3 : 0.1)",
