@@ -122,21 +122,27 @@ def turned(angle: float) -> np.ndarray:
     return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
-@pytest.mark.parametrize("angle", [1e-9, 0.3])
+@pytest.mark.parametrize("angle", [1e-9, 0.3, 7.0])
 def test_ways_of_a_surface_that_turns(angle):
-    """Exact chords of the material points that are at the node first and last, their mean; so that
-    there and back again is no way at all.
+    """What its points go by at the node, each for a moment, as shift and angle grow together; so
+    that there and back again is no way at all.
     """
     pivot, xy, shift = np.array([0.3, -0.2]), np.array([1.0, 0.5]), np.array([0.1, 0.2])
     tangent = np.array([0.8, 0.6])
     motion = ObstacleMotion(np.array([0.0, 1.0]), np.zeros((2, 1)),
                             np.array([[0 * shift], [shift]]), np.array([[0.0], [angle]]),
                             pivot[None], xy[None], tangent[None])
-    after = pivot + shift + turned(angle) @ (xy - pivot)  # of the point that starts at the node
-    before = pivot + turned(-angle) @ (xy - pivot - shift)  # of the one that arrives there
-    expected = ((after - xy) + (xy - before)) / 2 @ tangent
-    assert motion.way(0.0, 1.0)[0] == pytest.approx(expected, rel=1e-6 if angle < 1e-6 else 1e-13)
-    assert motion.way(1.0, 0.0)[0] == pytest.approx(-expected, rel=1e-13)
+    parts = 2000
+    passed = np.zeros(2)
+    for first, last in ((k / parts, (k + 1) / parts) for k in range(parts)):
+        turn = turned((last - first) * angle)
+        # of the point that is at the node first, and of the one that is there last
+        after = pivot + last * shift + turn @ (xy - pivot - first * shift)
+        before = pivot + first * shift + turn.T @ (xy - pivot - last * shift)
+        passed += (after - before) / 2
+    expected = passed @ tangent
+    assert motion.way(0.0, 1.0)[0] == pytest.approx(expected, rel=1e-5)  # 1/24 (7/2000)^2 each
+    assert motion.way(1.0, 0.0) == pytest.approx(-motion.way(0.0, 1.0), rel=1e-13)
 
 
 def test_what_an_obstacle_does_is_told_by_its_histories():

@@ -2,9 +2,9 @@
 
 import pytest
 
-from driver.estimates import prices
 from driver.estimates.jumps import Jumps, carried_on, halved, remedy
 from driver.estimates.prices import Quantity
+from driver.text import assignments
 
 
 @pytest.mark.parametrize("plan, shorter", [
@@ -43,4 +43,4 @@ def test_prices_leave_room_for_jumps():
     assert [entry[0]["CYCLES"] for entry in found] == ['"40 jump 1%"', '"40"']
     assert [entry[1] for entry in found] == [16, 32]
     assert [entry[2] for entry in found] == pytest.approx([0.05, 0.15])
-    assert prices.assignments(found[0][0]) == 'STEPS=8 CYCLES="40 jump 1%"'
+    assert assignments(found[0][0]) == 'STEPS=8 CYCLES="40 jump 1%"'

@@ -269,7 +269,7 @@ def test_outlines_that_cross_are_refused_where_they_do(other, crosses, turn):
     if not crosses:
         crossing.check_overlap(np.zeros(0, int))
         return
-    with pytest.raises(InputError, match="crosses itself near ") as said:
+    with pytest.raises(InputError, match="outlines cross near ") as said:
         crossing.check_overlap(np.zeros(0, int))
     place = np.array(re.search(r"\((.*), (.*)\)", str(said.value)).groups(), float)
     middles = [(edge + np.roll(edge, -1, axis=0)) / 2 for edge in (SQUARE @ spin.T, other @ spin.T)]
