@@ -555,8 +555,8 @@ include "export.idp"
 
 
 @pytest.mark.parametrize("element, law", [
-    ("P1", ""), ("P2", ""), pytest.param("P1", "macro normalComplianceExponent() 1.5 //",
-                                         marks=pytest.mark.slow)])
+    ("P2", ""), *(pytest.param("P1", law, marks=pytest.mark.slow)
+                  for law in ("", "macro normalComplianceExponent() 1.5 //"))])
 def test_rough_bodies_yield_where_they_face(solved, scene, element, law):
     """The same forces whichever body has the nodes, of which some face the other one in part.
 

@@ -509,9 +509,9 @@ def heed_sigint():
 
 
 @pytest.mark.parametrize("number, ranks", [
-    (signal.SIGINT, 1), (signal.SIGTERM, 1), *(
-        pytest.param(number, 2, marks=pytest.mark.slow)
-        for number in (signal.SIGINT, signal.SIGTERM))])
+    (signal.SIGINT, 1), *(
+        pytest.param(number, ranks, marks=pytest.mark.slow)
+        for number, ranks in ((signal.SIGTERM, 1), (signal.SIGINT, 2), (signal.SIGTERM, 2)))])
 def test_interrupted_run_leaves_no_results(tmp_path, ranks, number):
     """Amid the solve: one line, no orphan, and only a run to go on from."""
     words = ["SCENE=model", "LOADING=nonmonotone", "CELLS=4", "RTOL=1e-12", "STEPS=20000",

@@ -74,7 +74,7 @@ def test_nothing_is_drawn_aside(monkeypatch, tmp_path, nodes, ranks, cores, more
         assert not drawn()
 
 
-@pytest.mark.parametrize("aside", [True, False])
+@pytest.mark.parametrize("aside", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_a_run_has_its_figures_wherever_they_are_drawn(monkeypatch, tmp_path, aside):
     """Aside or, where that fails, when all is done; the seconds are those that the user waits."""
     monkeypatch.setattr(processes, "CORES", 2)

@@ -90,6 +90,7 @@ def test_mistakes():
 
 
 @pytest.mark.parametrize("name", ["coverage", "prices"])
+@pytest.mark.some(1)
 def test_pictures_of_claims_and_prices_are_drawn_again(tmp_path, name):
     """`make figures` said that a study of claims had no tables to draw."""
     folder = tmp_path / name
@@ -109,6 +110,7 @@ def test_a_study_without_pictures_is_passed_over(tmp_path, monkeypatch, capsys):
         (tmp_path / name / STUDY).touch()
         (tmp_path / name / f"{name}.csv").write_text(table)
     monkeypatch.setattr(options, "RESULTS", tmp_path)
+    monkeypatch.setitem(redraw.NAMED, "coverage", lambda table: [table.with_suffix(".png")])
     cli.figures([])
     assert "coverage.png" in capsys.readouterr().out
     with pytest.raises(InputError, match="bench holds a study without pictures"):
