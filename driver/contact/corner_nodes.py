@@ -34,6 +34,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..vectors import turned_left
 from .acting import (BOTH, FIRST, FIRST_RUBS, NEITHER, NORMAL_OUT, RUBS, SECOND, SECOND_RUBS,
                      STANDING, TANGENTIAL_OUT, Acting)
 from .beside import Beside, beside
@@ -314,7 +315,7 @@ class CornerNodes:
 
     def _tangents(self, v: int) -> np.ndarray:
         """(2, 2) tangents: the normals turned by +90 degrees."""
-        return np.column_stack([-self.directions[v, :, 1], self.directions[v, :, 0]])
+        return turned_left(self.directions[v])
 
     def _state_of(self, v: int, force: np.ndarray, rows) -> Acting:
         """The state that holds corner v, in touch with both sides, with a force (2,)."""

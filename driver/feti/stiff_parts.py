@@ -23,6 +23,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from ..scene import elements
+from ..vectors import turned_left
 from .edges import split_edges
 from .gathering import gather, joined
 
@@ -132,7 +133,7 @@ class _Parts:
         """Largest displacement of a vertex beyond the nearest motion without stress of its part."""
         u, part = joined(fields, float).reshape(-1, 2)[self.nodes], self.own[self.piece]
         deformed = u - (self._sums(u) / self.mass * self.possible[:2])[part][:, None]
-        across = np.stack([-self.away[:, :, 1], self.away[:, :, 0]], axis=2)
+        across = turned_left(self.away)
         for motion, possible in ((across, self.possible[2]), (self.away, self.possible[3])):
             if possible:
                 work = self._sums((motion * u).sum(axis=2)[:, :, None])

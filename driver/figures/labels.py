@@ -9,6 +9,7 @@ body, or inside another one.
 import numpy as np
 from matplotlib.quiver import Quiver
 
+from ..vectors import turned_left
 from .outline import chains
 
 MOST_LABELS = 30
@@ -59,7 +60,7 @@ def _places(own: np.ndarray, edges: tuple, size: float, role: str) -> list[tuple
     for part in ALONG:
         point, edge = _at(start[longest], end[longest], part)
         out, off = normal[longest[edge]], FAR * abs(part - 0.5)
-        aside = np.array([-out[1], out[0]])
+        aside = turned_left(out)
         beyond = point + outside * size * out
         places += [(point - INSIDE * size * out, point, False, off),
                    (beyond, point, False, off + OUTER + busy + INTO * _within(beyond, start, end))]

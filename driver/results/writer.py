@@ -156,7 +156,8 @@ class Writer:
             table = {**fixed, "step": [row["step"]] * count, "time": [repr(row["time"])] * count,
                      "normal_x": _digits(normal[:, 0]), "normal_y": _digits(normal[:, 1]),
                      "gap": _digits(record.gaps[k])}
-            table |= {name: _digits(values[k]) for name, values in record.states.items()}
+            table |= {name: _digits(values[k]) for name, values in record.states.items()
+                      if name != ContactField.STATUS}
             table[ContactField.STATUS] = [STATUS_NAMES[code] for code in status]
             yield from zip(*(table[name] for name in columns))
 

@@ -15,6 +15,8 @@ of these are rational functions.
 
 import numpy as np
 
+from ..vectors import turned_left
+
 CENTER = np.full((1, 3), 1 / 3)
 NODE_PLACES = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1],
                         [0, 0.5, 0.5], [0.5, 0, 0.5], [0.5, 0.5, 0]])  # of quadratic triangles
@@ -144,7 +146,7 @@ def hat_gradients(corner: np.ndarray) -> np.ndarray:
     """(n_t, 3, 2) gradients of the hat functions; corners (n_t, 3, 2) run counterclockwise."""
     edge = corner[:, [2, 0, 1]] - corner[:, [1, 2, 0]]  # edge opposite to each vertex
     double_area = edge[:, 0, 0] * edge[:, 1, 1] - edge[:, 0, 1] * edge[:, 1, 0]
-    return np.stack([-edge[:, :, 1], edge[:, :, 0]], axis=2) / double_area[:, None, None]
+    return turned_left(edge) / double_area[:, None, None]
 
 
 def linear_gradients(corner: np.ndarray, value: np.ndarray) -> np.ndarray:
