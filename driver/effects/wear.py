@@ -28,7 +28,7 @@ class Room(Effect):
         return self.depth[nodes]
 
     def closure(self, nodes, force, slip) -> np.ndarray:
-        """(k,) wear of the step; contact that pulls wears nothing."""
+        """(k,) wear of a step by `slip` >= 0; contact that pulls wears nothing."""
         return self.softness[nodes] * slip * np.maximum(force, 0.0)
 
     def tangent(self, nodes, force, own, slip, reach) -> tuple[np.ndarray, np.ndarray]:
@@ -41,7 +41,7 @@ class Room(Effect):
 
     def step_ends(self, nodes: np.ndarray, slip: np.ndarray, force: np.ndarray) -> None:
         """Wear adds up."""
-        self.depth[nodes] += self.softness[nodes] * np.abs(slip) * np.maximum(force, 0.0)
+        self.depth[nodes] += self.closure(nodes, force, np.abs(slip))
 
     def ledger(self, facts: RunFacts) -> dict[str, dict]:
         """Active where any node slid."""

@@ -84,8 +84,9 @@ class ContactState:
         self._relative = solver.initial[: len(self.boundary.gid)]
         self._slip_law = solver.effects.rooms.get("slip_law")
         self._way = self._slip_law and self._slip_law.of_others(self.boundary)
-        # depth so far, where the scene declares wear
-        self.worn = np.zeros(len(self.boundary.gid)) if "wear" in solver.effects else None
+        # where the scene declares wear, that and the depth so far, by the slip of displacements
+        self._wear = solver.effects.rooms.get("wear")
+        self.worn = None if self._wear is None else np.zeros(len(self.boundary.gid))
         self._time = 0.0
         # what the cycle at hand began with, of a history that is repeated
         self._begun: dict[str, np.ndarray] = {}
@@ -188,7 +189,7 @@ class ContactState:
             self._held = friction_of_held(held, values[2], slip, self._held, reach)
             values[1] += self._held
             values[3, held & (values[3] != OPEN) & (np.abs(self._held) >= values[2])] = SLIP
-        more = {} if self.worn is None else {WEAR: self._wear(slip, values[0])}
+        more = {} if self.worn is None else {WEAR: self._worn_by(slip, values[0])}
         if step.cycle:
             self._cycle_ends(step)
         return {**more, ContactField.U_N: u_n, ContactField.U_T: u_t, ContactField.SLIP: slip,
@@ -227,11 +228,12 @@ class ContactState:
         if self._way is not None:
             self._way.slid = now[SLID]
 
-    def _wear(self, slip: np.ndarray, force: np.ndarray) -> np.ndarray:
-        """(n_c,) worn depth at the end of a step with slips and normal forces (n_c,)."""
-        b = self.boundary
-        pressure = np.where(b.tangential_row >= 0, np.maximum(force, 0.0), 0.0) / b.weight
-        self.worn = self.worn + b.columns["wear"] * np.abs(slip) * pressure
+    def _worn_by(self, slip: np.ndarray, force: np.ndarray) -> np.ndarray:
+        """(n_c,) worn depth at the end of a step; supports that hold nodes are not worn against.
+        """
+        rubs = np.flatnonzero(self.boundary.tangential_row >= 0)
+        self.worn = self.worn.copy()
+        self.worn[rubs] += self._wear.closure(rubs, force[rubs], np.abs(slip[rubs]))
         return self.worn
 
     def _carried_t(self, weights: np.ndarray, tangent: np.ndarray) -> np.ndarray:

@@ -34,6 +34,7 @@ class Record:
         self.displacements = []  # the largest of the body, one number a step
         self.inside = []  # (n_k,) a step: how deep clamped nodes are inside what they meet
         self.work = []  # of friction, one array (n_c,) a step, in cycles jumped over too
+        self.dissipated = 0.0  # all of it
         # how often steps are gone through, where cycles are jumped over, and work of each cycle
         self.repeats, self.cycle_work = [], []
         self.cycles, self.jumped = solver.cycles, 0.0  # time
@@ -58,6 +59,7 @@ class Record:
             bare = less_wear(state)
             self.work.append(self.dissipation.add(step.time - self.jumped, bare,
                                                   self.gaps[-1]))
+            self.dissipated += float(self.work[-1].sum())
         if self.cycles is not None:
             self._count(step)
         whole = self.operator.with_travel(fields, step.weights)
@@ -75,6 +77,7 @@ class Record:
         if step.cycle:
             own = slice(-self.cycles.length, None)
             self.cycle_work.append(float(np.sum(self.work[own])))
+            self.dissipated += step.skips * self.cycle_work[-1]
             self.jumped += step.skips * self.cycles.period
             if step.skips:
                 self.repeats[own] = [1.0 + step.skips] * self.cycles.length

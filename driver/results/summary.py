@@ -249,7 +249,7 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
         loads=_loads(problem),
         parameters={**manifest.parameters, **asdict(settings)}, versions=_versions(),
         seconds=seconds, effects_ledger=_ledger(problem, sizes, solver, writer),
-        balance=writer.balance, dissipated=writer.dissipated, **optional)
+        balance=writer.balance, dissipated=writer.record.dissipated, **optional)
 
 
 def _softest(problem: Problem) -> float:

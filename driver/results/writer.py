@@ -85,11 +85,6 @@ class Writer:
         return self.fields.files if self.fields else []
 
     @property
-    def dissipated(self) -> float:
-        """Work that friction has taken in the steps so far."""
-        return float(np.sum(self.record.work))
-
-    @property
     def balance(self) -> float:
         """Largest sum of a step's resultants over the largest sum of nodal forces' sizes."""
         return self.largest_imbalance / self.largest_forces if self.largest_forces > 0 else 0.0
@@ -139,7 +134,7 @@ class Writer:
         row |= {"contact_length": float(boundary.length[touching].sum()),
                 "max_displacement": self.record.displacements[-1],
                 "peak_pressure": self.record.largest_pressure(),
-                "dissipated": self.dissipated}
+                "dissipated": self.record.dissipated}
         if boundary.following is not None:
             row["geometries"] = step.geometries
         row |= {f"kkt_{name}": value for name, value in step.residuals.items()}

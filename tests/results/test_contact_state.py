@@ -8,6 +8,7 @@ from mpi4py import MPI
 
 from driver.contact.states import SLIP
 from driver.contact.states import ContactField as C
+from driver.effects import wear
 from driver.effects.slip_law import Way
 from driver.results.contact_state import (MOVED, SLID, WORN, ContactState, friction_of_held,
                                           held_along)
@@ -41,7 +42,9 @@ def made(rng, worn=False) -> ContactState:
     of._travel, of._term, of._nodal = rng.random((2, n, 2)), np.arange(k), lambda moved: moved
     of._value, of._travelled = np.tile(b.term_value, (2, 1)).T, {}
     of._weights, of._time, of._before = None, 0.0, None
-    of.worn = np.zeros(n) if worn else None
+    of.worn, of._wear = (np.zeros(n), wear.Room.__new__(wear.Room)) if worn else (None, None)
+    if worn:
+        of._wear.prepare(b)
     of.constrained, of._held = np.zeros((n, 2), bool), np.zeros(n)
     of._relative, of._slip_law, of._way = of.solver.initial, None, None
     of.law = SimpleNamespace(friction_bound=lambda force: 0.4 * np.abs(force))

@@ -224,13 +224,15 @@ def test_the_work_of_a_cycle_counts_for_those_jumped_over_after_it():
     """Cycles of two steps after one; after the second of them three more are jumped over."""
     record = object.__new__(Record)
     record.work, record.repeats, record.cycle_work, record.jumped = [], [], [], 0.0
-    record.cycles = SimpleNamespace(length=2, period=3.0)
+    record.cycles, record.dissipated = SimpleNamespace(length=2, period=3.0), 0.0
     for k, ends in enumerate((False, False, True, False, True)):
         record.work.append(np.array([1.0, 10.0]) * (k + 1))
+        record.dissipated += 11 * (k + 1)
         record._count(SimpleNamespace(cycle=ends, skips=3 if k == 4 else 0))
     assert record.cycle_work == [11 * 5, 11 * 9] and record.jumped == 9.0
     assert record.repeats == [1, 1, 1, 4, 4]
     np.testing.assert_array_equal(np.sum(record.work, axis=0), [6 + 4 * 9, 60 + 40 * 9])
+    assert record.dissipated == np.sum(record.work)
 
 
 @pytest.mark.parametrize("stride", [0.3, 1.0, 1.7, 4.1, 13.0])
