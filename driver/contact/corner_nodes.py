@@ -38,6 +38,7 @@ from ..vectors import turned_left
 from .acting import (BOTH, FIRST, FIRST_RUBS, NEITHER, NORMAL_OUT, RUBS, SECOND, SECOND_RUBS,
                      STANDING, TANGENTIAL_OUT, Acting)
 from .beside import Beside, beside
+from .law import law_at
 from .sharing import alike, least_friction
 
 MOST = 12  # changes of a corner's state in one step
@@ -334,14 +335,10 @@ class CornerNodes:
         """(2,) whether the nodes of corner v can have the `pressures`."""
         return self.bilateral[v] | (pressures >= 0)
 
-    def _law(self, v: int, rows) -> tuple[np.ndarray, np.ndarray]:
-        """Coefficient and offset (2,) each of the friction bounds of corner v, 0 without friction.
+    def _law(self, v: int, rows) -> np.ndarray:
+        """(2, 2) coefficients and offsets of the friction bounds of corner v, 0 without friction.
         """
-        if rows is None:
-            return np.zeros(2), np.zeros(2)
-        here = self.in_tangential[v]
-        return tuple(np.zeros(2) if values is None else np.where(here >= 0, values[here], 0.0)
-                     for values in (rows.coefficient, rows.offset))
+        return np.zeros((2, 2)) if rows is None else law_at(rows, self.in_tangential[v])
 
     def _shared_at_rest(self, v: int, force: np.ndarray, rows):
         """Pressures and friction forces (2,) each that hold corner v with `force` (2,), or None.
@@ -388,8 +385,7 @@ def corner_nodes(structure, in_tangential: np.ndarray, law) -> CornerNodes | Non
     def owned(rows: np.ndarray) -> np.ndarray:
         return np.where((rows >= start) & (rows < stop), rows - start, -1)
 
-    offset = np.zeros(len(contact.gid)) if law.offset is None else law.offset
     return CornerNodes(nodes, owned(normal), owned(tangential), in_tangential[nodes], rank == 1,
-                       law.bilateral[nodes], offset[nodes], contact.gap[nodes],
+                       law.bilateral[nodes], law_at(law, nodes)[1], contact.gap[nodes],
                        contact.normal[nodes], exact == 1,
                        beside(contact, nodes, owned) if contact.paired[nodes].any() else None)

@@ -24,6 +24,7 @@ from scipy.sparse import bmat, csr_matrix, diags, hstack, identity
 
 from ..environment import PLAIN_PROGRAM, silenced
 from ..feti.free_motions import STILL
+from .law import law_at
 from .rows import ContactRows
 
 SLACK = 1e-7  # relative imbalance that counts as balanced: the solver's own tolerance
@@ -86,8 +87,7 @@ def rigid_equilibrium(rows: ContactRows, motions: np.ndarray, work: np.ndarray, 
     same answer on every rank.
     """
     motions = felt(rows, motions)
-    law = [np.zeros(len(rows.tangential)) if values is None else values
-           for values in (rows.coefficient, rows.offset)]
+    law = law_at(rows, np.arange(len(rows.tangential)))
     parts = comm.gather((motions[rows.normal], rows.gap, rows.normal_node, rows.pulls,
                          motions[rows.tangential], rows.tangential_node, *law))
     answer = None

@@ -4,15 +4,9 @@ Multipliers are nodal forces on the body: lambda_n >= 0 presses along -n, lambda
 so that sigma_n = -lambda_n / weight and sigma_t = -lambda_t / weight. With r = F lambda - d the
 rows read B u - c = -r, where c is the gap (normal) or the previous tangential displacement
 (tangential rows).
-
-Every friction law bounds lambda_t by an affine function of the pressure,
-
-    |lambda_t| <= offset + coefficient |lambda_n|:
-
-Coulomb's law has no offset, a given bound (Tresca) no coefficient, a law with cohesion (Mohr,
-Coulomb) both.
 """
 
+import contextlib
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,30 +14,10 @@ import numpy as np
 from ..feti.rows import RowKind
 from ..feti.structure import Substructure
 from .corner_nodes import CornerNodes, corner_nodes
+from .law import ContactLaw, friction_bound
 from .states import OPEN, SLIP, STICK
 
 ROUNDING = 1e-13  # relative, of a bound: a pressure is a sum of hundreds of terms
-
-
-@dataclass(frozen=True)
-class ContactLaw:
-    """Conditions at the contact nodes by the declared effects: arrays (n_c,)."""
-
-    coefficient: np.ndarray | None  # of friction, None where no effect has one
-    offset: np.ndarray | None  # nodal force of the friction bound without pressure, likewise
-    bilateral: np.ndarray  # bool: contact pulls as well
-
-    def friction_bound(self, pressure: np.ndarray) -> np.ndarray:
-        """(n_c,) largest friction forces under nodal pressures (n_c,), forces of any sign."""
-        return _affine(self.coefficient, self.offset, pressure)
-
-
-def _affine(coefficient, offset, pressure: np.ndarray) -> np.ndarray:
-    """offset + coefficient |pressure|, without the part that is None."""
-    if coefficient is None:
-        return np.zeros(len(pressure)) if offset is None else offset
-    bound = coefficient * np.abs(pressure)
-    return bound if offset is None else bound + offset
 
 
 @dataclass
@@ -77,6 +51,16 @@ class ContactRows:
         if self.corners is None:
             return self.pulls
         return self.pulls | np.isin(self.normal, self.corners.standing)
+
+    @contextlib.contextmanager
+    def under(self, coefficient: np.ndarray | None, offset: np.ndarray | None):
+        """Other coefficients (j,) and offsets (j,) of the friction bounds, until the block ends."""
+        known = self.coefficient, self.offset
+        self.coefficient, self.offset = coefficient, offset
+        try:
+            yield
+        finally:
+            self.coefficient, self.offset = known
 
     @property
     def bound_is_given(self) -> bool:
@@ -142,7 +126,7 @@ class ContactRows:
 
     def law_bound(self, multipliers: np.ndarray) -> np.ndarray:
         """(j,) the same by the law alone, whatever the states of corners."""
-        return _affine(self.coefficient, self.offset, multipliers[self.pair])
+        return friction_bound(self, multipliers[self.pair])
 
     def states(self, multipliers: np.ndarray) -> np.ndarray:
         """(k,) OPEN, STICK or SLIP of the nodes with a normal row, by exact comparison."""

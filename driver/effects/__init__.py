@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..contact.rows import ContactLaw
+from ..contact.law import ContactLaw
 from ..errors import InputError
 
 # how well the error in the energy norm is known with an effect: what its room may say.

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..contact.beside import Beside, beside, neighbours
 from ..contact.junctions import Junction, junctions
+from ..contact.law import law_at
 from ..feti.supports import constrained_keys
 from ..qp.least_distance import least_distance
 
@@ -51,7 +52,8 @@ class JunctionForces:
         (owned,). Collective.
         """
         force, moved, size, (F, c) = (np.sum(comm.allgather(own), axis=0) for own in (
-            self._at(x), self._at(gradient), self._at(deformation), self._law(rows)))
+            self._at(x), self._at(gradient), self._at(deformation),
+            law_at(rows, self.in_tangential)))
         moved[np.abs(moved) <= max(LEAST, NOISE * rtol) * size] = 0.0
         near = self.beside.forces(x, comm)[0]
         shared, first = x.copy(), 0
@@ -67,12 +69,6 @@ class JunctionForces:
         """(n, 2) of `values` (owned,) at the rank's rows of the nodes, zero at others."""
         more = np.append(values, 0.0)
         return np.column_stack([more[self.normal], more[self.tangential]])
-
-    def _law(self, rows) -> np.ndarray:
-        """(2, n) coefficients and offsets of the rank's friction bounds, zero at others."""
-        return np.array([np.zeros(len(self.normal)) if values is None
-                         else np.append(values, 0.0)[self.in_tangential]
-                         for values in (rows.coefficient, rows.offset)])
 
 
 def _nearest(junction: Junction, force, moved, F, c, bilateral, wears, near,

@@ -163,14 +163,12 @@ class QuasistaticSolver:
         Raises StepFailed where no state can balance the loads.
         """
         first = not any(self.loads[: index - 1]) and not self.motion.any()
-        known, self.rows.coefficient = self.rows.coefficient, self.slip.largest_coefficient()
         try:
-            rest = self.bodies.can_rest(index, self.amplitudes[index],
-                                        None if first else self.multipliers)
+            with self.rows.under(self.slip.largest_coefficient(), self.rows.offset):
+                rest = self.bodies.can_rest(index, self.amplitudes[index],
+                                            None if first else self.multipliers)
         except DriverError as problem:
             raise StepFailed(problem) from None
-        finally:
-            self.rows.coefficient = known
         if first:
             self.motion = rest
         if self.rows.corners is not None:
@@ -243,17 +241,17 @@ class QuasistaticSolver:
         Raises NoSolution where contact cannot balance the loads on free bodies, Unfinished.
         """
         rows, slip, smooth = self.rows, self.slip, np.zeros(len(self.rows.tangential))
-        known = rows.coefficient, rows.offset, slip.coefficient
-        rows.coefficient, rows.offset, slip.coefficient = smooth, None, smooth
+        known, slip.coefficient = slip.coefficient, smooth
         try:
-            self.closure.begin_step(False, slides=False)
-            x = np.zeros(self.operator.owned)
-            load = self.load(0, self.bodies.can_rest(0, self.amplitudes[0]), x)
-            self.scales.renew(d=load.extent)
-            x, gradient, _, _ = self.closure.settled(
-                0, load, (x, -load.d, smooth), Trace(), self._settled)
+            with rows.under(smooth, None):
+                self.closure.begin_step(False, slides=False)
+                x = np.zeros(self.operator.owned)
+                load = self.load(0, self.bodies.can_rest(0, self.amplitudes[0]), x)
+                self.scales.renew(d=load.extent)
+                x, gradient, _, _ = self.closure.settled(
+                    0, load, (x, -load.d, smooth), Trace(), self._settled)
         finally:
-            rows.coefficient, rows.offset, slip.coefficient = known
+            slip.coefficient = known
         self.scales.keep()
         return x, gradient, load
 

@@ -142,10 +142,10 @@ class Residuals:
         rows = self.rows
         if not self.slip.effects.coefficient_changes:
             return 0.0
-        bound, known = rows.friction_bound(x), rows.coefficient
-        self.slip.renew_coefficient(gradient)
-        missed = float(np.abs(rows.friction_bound(x) - bound).max(initial=0))
-        rows.coefficient = known
+        bound = rows.friction_bound(x)
+        with rows.under(rows.coefficient, rows.offset):
+            self.slip.renew_coefficient(gradient)
+            missed = float(np.abs(rows.friction_bound(x) - bound).max(initial=0))
         return self.operator.comm.allreduce(missed, op=MPI.MAX)
 
     def _missing(self, load: Load, x: np.ndarray, gradient: np.ndarray) -> float:

@@ -64,7 +64,7 @@ class _Descent:
 
     def __init__(self, problem: CoulombProblem, start: np.ndarray):
         self.problem, n = problem, problem.n
-        bound = np.zeros(problem.m) if problem.offset is None else problem.offset
+        bound = problem.offsets
         self.lower = np.append(np.where(problem.bilateral, -np.inf, 0.0), -bound)
         self.upper = np.append(np.full(n, np.inf), bound)
         self.left = min(CHANGES * problem.rows, WORK // max(problem.rows, 1) ** 2)

@@ -39,7 +39,7 @@ class _Equations:
         self.root = np.sqrt(self.rigidity)
         self.unit = np.append(self.root, 1.0 / (problem.reach * np.sqrt(
             np.median(self.rigidity)) if problem.k else np.zeros(0)))
-        self.offset = np.zeros(problem.m) if problem.offset is None else problem.offset
+        self.offset = problem.offsets
 
     def bound(self, z: np.ndarray, slip: np.ndarray) -> np.ndarray:
         """(m,) friction bounds."""

@@ -216,7 +216,7 @@ def _complementary(problem: CoulombProblem, scale: np.ndarray, size: float):
         [-Cnt.T, -Ctt, Ctt, unit, aside],
         [alike + differ @ of_normal, rub - unit, -rub - unit, none, 2 * differ],
         [of_normal, of_tangential, -of_tangential, aside.T, np.eye(k)]])
-    offset = np.zeros(m) if problem.offset is None else problem.offset / scale[n:]
+    offset = problem.offsets / scale[n:]
     q = np.concatenate([-d[:u], -d[u:], d[u:], offset - differ @ given, -given]) / size
 
     def multipliers(z):
@@ -296,9 +296,7 @@ def _slack(problem: CoulombProblem, states, z) -> np.ndarray:
     """What the inequalities of the states leave at z, forces: all >= 0 where it is in them."""
     x, forces = z[: problem.rows], problem.rigidity * problem.movement(z)
     n, state = problem.n, states[problem.pair]
-    bound = problem.coefficient * x[: n][problem.pair]
-    if problem.offset is not None:
-        bound = bound + problem.offset
+    bound = problem.coefficient * x[: n][problem.pair] + problem.offsets
     normal = np.where(states > OPEN, x[: n], -forces[: n])
     slip, t = forces[n :], x[n :]
     forth = np.where(np.abs(state) == STICK, bound - t, np.where(np.abs(state) == FORWARD, slip,

@@ -56,7 +56,7 @@ class _Path:
         """`small`: the random parts of the load at which the path begins."""
         self.problem, self.theta = problem, 0.0
         n, m, rng = problem.n, problem.m, np.random.default_rng(1)
-        self.offset = np.zeros(m) if problem.offset is None else problem.offset
+        self.offset = problem.offsets
         self.row = np.full(n, -1)  # of a node its tangential row
         self.row[problem.pair] = np.arange(m)
         self.rubs = (problem.coefficient > 0) | (self.offset > 0)

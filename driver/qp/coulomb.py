@@ -147,6 +147,11 @@ class CoulombProblem:
         along[state == OPEN] = 0.0
         return x
 
+    @property
+    def offsets(self) -> np.ndarray:
+        """(m,) those of the friction bounds, also where they are zero."""
+        return np.zeros(self.m) if self.offset is None else self.offset
+
     def bounds(self, z: np.ndarray) -> np.ndarray:
         """(m,) friction bounds of the forces lambda_n in z."""
         bound = self.coefficient * np.abs(z[self.pair])

@@ -20,9 +20,8 @@ def yielding(problem: CoulombProblem) -> CoulombProblem:
         problem.latest[yielding] = CoulombProblem(
             problem.compliance + own, problem.load, problem.coefficient, problem.pair,
             problem.bilateral, problem.motions)
-    offset = np.zeros(problem.m) if problem.offset is None else problem.offset
     return problem.latest[yielding].under(problem.load, problem.coefficient, problem.balance,
-                                          offset)
+                                          problem.offsets)
 
 
 def by_yielding(problem: CoulombProblem, start: np.ndarray, method) -> np.ndarray | None:

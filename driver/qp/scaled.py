@@ -55,8 +55,7 @@ class Scaled:
         largest = np.abs(even).max(axis=0, initial=0.0)
         self.own = 1.0 / np.where(largest > 0, largest, 1.0)
         self.even = csc_matrix(even * self.own)
-        offset = np.zeros(m) if problem.offset is None else problem.offset
-        self.offset = offset / unit[n:] / self.force
+        self.offset = problem.offsets / unit[n:] / self.force
         self.work = np.append(problem.balance / problem.reach / self.force, np.zeros(L.shape[1]))
 
     def exact(self, x: np.ndarray) -> np.ndarray:

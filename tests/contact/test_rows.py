@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from driver.contact import rows as module
-from driver.contact.rows import ContactLaw, ContactRows, contact_rows
+from driver.contact.law import ContactLaw, law_at
+from driver.contact.rows import ContactRows, contact_rows
 from driver.contact.states import OPEN, SLIP, STICK
 from driver.effects import Effects
 
@@ -27,6 +28,22 @@ def rows(tangential: int, friction: bool) -> ContactRows:
 def test_only_without_friction_nothing_holds_a_node(tangential, friction, touching):
     states = rows(tangential, friction).states(np.array([3.0, 0.0, 0.1, 0.0])[: 2 + tangential])
     assert states.tolist() == [touching, OPEN]
+
+
+def test_a_law_at_places_has_nothing_at_others():
+    law = ContactLaw(np.array([0.5, 0.25]), None, np.zeros(2, bool))
+    assert law_at(law, np.array([[1, -1], [-1, 0]])).tolist() == [[[0.25, 0], [0, 0.5]],
+                                                                  [[0, 0], [0, 0]]]
+
+
+def test_another_law_holds_for_a_block_also_where_that_fails():
+    one = rows(2, friction=True)
+    x = np.array([3.0, 4.0, 0.0, 0.0])
+    with pytest.raises(ValueError):
+        with one.under(np.full(2, 2.0), np.full(2, 1.0)):
+            assert one.friction_bound(x).tolist() == [7, 9]
+            raise ValueError
+    assert one.friction_bound(x).tolist() == [1.5, 2] and one.offset is None
 
 
 def test_rows_of_idle_nodes_do_not_act(monkeypatch):

@@ -11,7 +11,8 @@ import pytest
 from mpi4py import MPI
 
 from driver.contact.kkt import Scales
-from driver.contact.rows import ContactLaw, ContactRows
+from driver.contact.law import ContactLaw
+from driver.contact.rows import ContactRows
 from driver.contact.states import OPEN, SLIP, STICK
 from driver.effects import Effect
 from driver.march import cycle_verdict as cycles
