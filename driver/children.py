@@ -8,6 +8,8 @@ import shutil
 import signal
 import subprocess
 import tempfile
+import time
+from pathlib import Path
 
 from . import environment
 from .environment import ROOT, SET_UP
@@ -15,6 +17,8 @@ from .errors import InputError, file_error
 
 HOST_FILE = "OMPI_MCA_orte_default_hostfile"  # Open MPI's own name of the file of hosts
 OWN_PLACE = "orte_tmpdir_base"  # Open MPI's own name of the place of what it keeps while it runs
+PLACE = "driver-mpi-"  # begins the name of that place
+OLD = 3600.0  # seconds after which an empty one is one that a killed run has left
 HOSTS_KNOWN = (HOST_FILE, "SLURM_JOB_ID")  # set where ranks may start on other hosts
 # of the environment to ranks on other hosts, besides Open MPI's own settings
 HANDED_ON = re.compile("PATH|LD_LIBRARY_PATH|EXPORT_DIRECTORY|SIZE_FIELD|"
@@ -64,15 +68,25 @@ def place_of_mpirun() -> str:
 
     Left to themselves all of a user share one that the last of them removes; one that starts at
     that moment fails (Open MPI issue 8510: here one of 1,500, two at a time). So do two that make
-    it at one moment, as FreeFEM's and the solver's of one run: one of 100. Raises InputError.
+    it at one moment, as FreeFEM's and the solver's of one run: one of 100. What runs that were
+    killed have left goes first. Raises InputError.
     """
     try:
-        place = tempfile.mkdtemp(prefix="driver-mpi-")
+        _clear_places(Path(tempfile.gettempdir()))
+        place = tempfile.mkdtemp(prefix=PLACE)
     except OSError as problem:
         raise file_error(problem, "mpirun has no place for temporary files: "
                                   f"{problem.strerror}") from None
     atexit.register(shutil.rmtree, place, ignore_errors=True)
     return place
+
+
+def _clear_places(folder: Path) -> None:
+    """Remove places of old that are empty, as those are whose mpirun has ended, if only killed."""
+    for place in folder.glob(PLACE + "*"):
+        with contextlib.suppress(OSError):  # of others, in use, or gone by now
+            if time.time() - place.lstat().st_mtime > OLD:
+                place.rmdir()
 
 
 def run_child(command: list[str], meanwhile=lambda: None, **options) -> subprocess.CompletedProcess:

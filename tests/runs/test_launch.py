@@ -179,6 +179,23 @@ def test_mpirun_keeps_its_files_where_no_other_one_does():
     assert other != place and Path(place).is_dir() and not Path(other).exists()
 
 
+def test_what_killed_runs_leave_goes_with_a_later_run(tmp_path, monkeypatch):
+    """Places of old that nothing is in: others are at work, or not from here."""
+    monkeypatch.setattr(children.tempfile, "tempdir", str(tmp_path))
+    old = time.time() - 2 * children.OLD
+    names = {name: children.PLACE + name for name in ("left", "new", "used", "file")}
+    for name in ("left", "new", "used"):
+        (tmp_path / names[name]).mkdir()
+    (tmp_path / names["used"] / "ompi").write_text("")
+    for kept in (tmp_path / names["file"], tmp_path / "left"):
+        kept.write_text("")
+    for name in ("left", "used", "file"):
+        os.utime(tmp_path / names[name], (old, old))
+    place = Path(children.place_of_mpirun())
+    assert {path.name for path in tmp_path.iterdir()} == {
+        place.name, "left", *(names[name] for name in ("new", "used", "file"))}
+
+
 @pytest.mark.parametrize("flags, asked, kernels", [
     ("fpu avx avx2 fma", None, "HASWELL"), ("fpu avx fma", None, None), (None, None, None),
     ("avx2 fma", "ZEN", "ZEN")])
