@@ -48,6 +48,11 @@ MEANINGS = (
     (r"Strange catch exception", "not enough memory for a mesh of this size: is the element size "
                                  "(H) far too small, or is CELLS or SUBDOMAINS far too large?"))
 
+KILLED = {6: "not enough memory?", 9: "was there enough memory?", 25: "a file beyond 'ulimit -f'",
+          11: "a mesh that is far too fine (H, CELLS, SUBDOMAINS) or has vertices that no triangle "
+              "uses (from gmsh: curves of a surface without a Physical Surface), or no numbers"}
+OUTSIDE = (2, 9, 15, 25)  # signals that no statement of a scene is the cause of
+
 
 def library_words() -> list[tuple[str, str]]:
     """Macros of scene.idp that a scene calls: name, and the form that a user writes."""
@@ -358,14 +363,10 @@ def _execution(output: str, status: int, scene: Path, retrace) -> str:
     meaning = next((words for pattern, words in MEANINGS if re.search(pattern, output)), "")
     if killed:
         said = f"FreeFEM was killed by signal {killed}"
-        meaning = meaning or {6: "not enough memory?", 9: "was there enough memory?",
-                              11: "a mesh that is far too fine (H, CELLS, SUBDOMAINS) or has "
-                                  "vertices that no triangle uses (from gmsh: curves of a surface "
-                                  "without a Physical Surface), or values that are no numbers"
-                              }.get(killed, "")
+        meaning = meaning or KILLED.get(killed, "")
     said = said or next((line for line in lines if not re.search(SILENT, line)), "no message")
     reason = f"{meaning} ({said})" if meaning else said
-    traced = [] if killed in (2, 9, 15) else EVALUATING.findall(retrace())
+    traced = [] if killed in OUTSIDE else EVALUATING.findall(retrace())
     bodies, now = traced.count("addBody"), traced[-1] if traced else ""
     if now in rooms.vocabulary() and "end" not in traced:
         place = grammar.place(scene, rf"macro {now}\b")

@@ -768,6 +768,12 @@ def test_what_a_plugin_prints_when_it_is_loaded_is_no_reason(tmp_path):
     assert explain.failure(printed, 3, path, tmp_path, lambda: "").endswith("(exit 3): no message")
 
 
+def test_a_limit_of_the_shell_is_no_fault_of_a_statement(tmp_path):
+    """The file that FreeFEM writes may not grow as large: the scene is not asked which it was."""
+    message = explain.failure("", -25, freefem.find_scene("tutorial"), tmp_path, pytest.fail)
+    assert "ulimit -f" in message and "amplitude" not in message
+
+
 # ---- gmsh ----------------------------------------------------------------------------------------
 
 GEO = """DefineConstant[ h = {1}, length = {2} ];
