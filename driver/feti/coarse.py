@@ -27,7 +27,10 @@ from .gathering import Gathering, gather, joined, lookup
 from .reduction import LocalClass
 from .structure import Substructure, partition
 
-LARGE = 2_000  # coarse dofs from which ranks share a solution; by itself one rank is faster without
+# coarse dofs from which ranks share a solution. One rank alone is faster without up to 4,000 (a
+# product of 512 subdomains takes a twelfth longer); from four ranks on what each would repeat of
+# more than these is above a tenth of its work
+LARGE = 400
 
 
 class CoarseProblem:

@@ -443,3 +443,13 @@ def test_rigid_motions_of_corners_are_no_deformation(built, tmp_path):
     assert 0.1 < least(stretched) <= np.ptp(xy[:, 0])
     sheared = np.where(up, xy[:, 0], xy[:, 1])  # no turn in the mean
     assert least(sheared) > 0.1
+
+
+@pytest.mark.parametrize("cut, ranks", [("32x16", 8),
+                                        pytest.param("16x8", 2, marks=pytest.mark.slow)])
+def test_ranks_repeat_less_than_a_tenth_of_their_work(built, cut, ranks):
+    """With 64 subdomains each: the coarse problem, unless they share it."""
+    operator = DualOperator(built(subdomains=cut, cells=10).structure, MPI.COMM_SELF)
+    repeated = 0 if operator.coarse._shared else operator.coarse.work
+    own = (operator.load()["work"] - repeated) / ranks
+    assert repeated <= 0.1 * (own + repeated)
