@@ -32,9 +32,10 @@ from scipy.sparse.csgraph import connected_components
 from ..contact.nodes import TURN
 from ..contact.states import OPEN, ContactField
 from ..feti.gathering import gather, joined
-from ..scene import elements, kinematics
+from ..scene import elements
 from ..vectors import turned_left
 from . import true_distance
+from .small_strains import MEASURES, SmallStrains
 
 QUESTIONABLE = {"largest_strain": 0.1, "largest_rotation": 0.1, "largest_normal_error": 0.01,
                 "normal_turn": 0.1, "largest_slide": 0.1, "overlaps": 0.0, "gap": 0.5}
@@ -42,7 +43,6 @@ INVALID = {"largest_strain": 0.3, "largest_rotation": 0.35, "largest_normal_erro
            "normal_turn": 0.35, "largest_slide": 1.0, "overlaps": 0.02, "gap": 2.0}
 SPOT = 1e-2
 TOUCH = 1e-3  # part of a body's size by which bodies may overlap unnoticed
-MEASURES = ("largest_strain", "largest_rotation")
 VERDICTS = ("ok", "questionable", "invalid")
 WORDS = {
     "largest_strain": ("the strain is {:.2g}", "strains are taken for small",
@@ -126,28 +126,20 @@ class Validity:
 
     def _check_deformation(self, step, fields) -> None:
         """Strains and rotations of all triangles, with those that supports prescribe to bodies."""
-        travel = self.structure.travel
+        travel, subs = self.structure.travel, self.structure.subdomains
         turned = travel.of(step.weights)[:, 2] / travel.bodies.size
-        areas = np.zeros(self.structure.total)
-        own, over = [], np.zeros((2, 2, self.structure.total))  # areas beyond the limits
-        for sub, u in zip(self.structure.subdomains, fields):
-            strain, turn = kinematics.strain_and_turn(sub, u)
-            turn = turn + turned[travel.bodies.number[sub.index]]
-            area = elements.areas(sub.xy[sub.triangles])
-            areas[sub.index] = area.sum()
-            for m, values in enumerate((strain, np.abs(turn))):
-                name, k = MEASURES[m], values.argmax()
-                center = sub.xy[sub.triangles[k]].mean(axis=0)
-                own.append((name, float(values[k]), center.tolist()))
-                for g, limits in enumerate((QUESTIONABLE, INVALID)):
-                    over[m, g, sub.index] = area[values > limits[name]].sum()
-        for name, value, center in (row for rows in self.comm.allgather(own) for row in rows):
-            self.note(name, value, center, step.index)
-        over, areas = self.comm.allreduce(over), self.comm.allreduce(areas)
+        limits = np.array([[of[name] for of in (QUESTIONABLE, INVALID)] for name in MEASURES])
+        own = np.array([sub.index for sub in subs], int)
+        found = SmallStrains.of(subs, fields, turned[travel.bodies.number[own]],
+                                self.structure.total, limits)
+        for of_rank in self.comm.allgather(found.largest):
+            for name, (value, center) in of_rank.items():
+                self.note(name, value, center, step.index)
+        beyond, areas = self.comm.allreduce(found.beyond), self.comm.allreduce(found.areas)
         whole = np.bincount(self.member, areas)[self.member]
         for m, name in enumerate(MEASURES):
             for g in (0, 1):
-                share = np.bincount(self.member, over[m, g])[self.member] / whole
+                share = np.bincount(self.member, beyond[m, g])[self.member] / whole
                 self.parts[name][g] = max(self.parts[name][g], share.max())
 
     def _outline(self, fields) -> tuple:
