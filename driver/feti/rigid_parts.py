@@ -19,6 +19,8 @@ from mpi4py import MPI
 from ..scene import elements
 from .gathering import gather, joined
 
+AT_A_TIME = 100_000  # nodes: what is kept of each beside its displacement takes memory
+
 
 class RigidParts:
     """Projection on the rigid motions of the bodies of `structure`. Collective over `comm`.
@@ -97,13 +99,15 @@ class RigidParts:
 
     def deformation(self, fields: list[np.ndarray]) -> float:
         """Largest |u - R c| of a vertex, c by the corners of triangles."""
-        work = self._corner_products(joined(fields, float).reshape(-1, 2))[:, :, None]
+        u = joined(fields, float).reshape(-1, 2)
+        work = self._corner_products(u)[:, :, None]
         factors, largest = np.linalg.solve(self._corner_gram, work)[:, :, 0], 0.0
-        for u, (sub, nodes) in zip(fields, self._by_subdomain()):
-            along, across, turning = factors[self.bodies.number[sub.index]]
-            x, y = self._away[nodes].T
-            moved = (u[::2] - along + turning * y)**2 + (u[1::2] - across - turning * x)**2
-            vertices = self._corner_moments[0][nodes] > 0
+        for first in range(0, len(u), AT_A_TIME):
+            here = slice(first, first + AT_A_TIME)
+            (x, y), (u_x, u_y) = self._away[here].T, u[here].T
+            along, across, turning = factors[self._body[here]].T
+            moved = (u_x - along + turning * y)**2 + (u_y - across - turning * x)**2
+            vertices = self._corner_moments[0][here] > 0
             largest = np.maximum(largest, moved.max(initial=0.0, where=vertices))  # NaN stays
         return float(np.sqrt(self.comm.allreduce(float(largest), op=MPI.MAX)))
 

@@ -22,6 +22,8 @@ def write_outline(path: Path, manifest: Manifest, structure: Substructure, comm)
     gid, xy, around, pushed, push = [], [], [], [], []
     for sub in subs:
         near = outline[sub.node_gid]
+        if not near.any():  # as of most of many
+            continue
         gid.append(sub.node_gid[near])
         xy.append(sub.xy[near])
         edges = sub.node_gid[sub.triangles[:, [0, 1, 1, 2, 2, 0]]].reshape(-1, 2)
