@@ -6,13 +6,12 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from scipy.spatial import cKDTree
 
 from ..vectors import turned_left
 from .labels import label_numbers
 from .layout import map_axes, run_header, shrink_to_body
 from .obstacle import draw_obstacles, hatch, where_it_goes
-from .outline import outward_edges, sample
+from .outline import outward_edges, place_inside, sample
 from .reading import Run
 from .scales import Scale, length_scale, stress_scale
 from .style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RED, SKY
@@ -232,25 +231,11 @@ def _weight(axes, run: Run, xy: np.ndarray, size: float) -> list:
         return []
     arrows = 0.1 * size * force[pulled] / length[pulled, None]
     rim = xy[run.first.rim()[0]].mean(axis=1)
-    middles = np.array([_place_inside(xy[run.first.triangles[run.first.body == bodies[k]]], rim)
+    middles = np.array([place_inside(xy[run.first.triangles[run.first.body == bodies[k]]], rim)
                         for k in pulled])
     _quiver(axes, middles - arrows / 2, arrows, GREY)
     return [Line2D([], [], color=GREY, marker=r"$\downarrow$", ls="none", ms=7,
                    label="body force")]
-
-
-def _place_inside(corners: np.ndarray, rim: np.ndarray) -> np.ndarray:
-    """The middle of a body of triangles (m, 3, 2), or its place farthest from any `rim` (e, 2) if
-    that is in a hole or beside the body.
-    """
-    middle = corners.mean(axis=(0, 1))
-    around = np.roll(corners, -1, axis=1) - corners
-    off = middle - corners
-    side = around[..., 0] * off[..., 1] - around[..., 1] * off[..., 0]
-    if ((side >= 0).all(axis=1) | (side <= 0).all(axis=1)).any():
-        return middle
-    centres = corners.mean(axis=1)
-    return centres[cKDTree(rim).query(centres)[0].argmax()]
 
 
 def _note(run: Run, boundary: dict, traction: np.ndarray) -> str:

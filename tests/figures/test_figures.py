@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
 from PIL import Image, ImageColor
 
 from driver import figures
@@ -949,6 +950,20 @@ def test_names_of_materials_do_not_stand_on_each_other(run):
     names = [text.get_window_extent() for text in figure.axes[0].texts]
     assert len(names) == 8
     assert not any(a.overlaps(b) for k, a in enumerate(names) for b in names[:k])
+
+
+def test_the_name_of_a_body_around_another_stands_on_it(run):
+    """The middle of a ring is not in it; beside its hole half of the name would be on the core."""
+    xy = run.last.xy[run.last.triangles].mean(axis=1)
+    core = (np.abs(xy - [1.0, 0.5]) < [0.5, 0.3]).all(axis=1)
+    rows = [{"body": k + 1, "name": name, "young": 1e9, "poisson": 0.3}
+            for k, name in enumerate(["ring", "core"])]
+    one = dataclasses.replace(run, last=dataclasses.replace(run.last, body=core.astype(int)),
+                              summary=run.summary | {"materials": rows})
+    axes = figures.compose("deformed", one).axes[0]
+    names = {text.get_text(): text.get_window_extent() for text in axes.texts}
+    around = axes.transData.transform([[0.5, 0.2], [1.5, 0.8]])
+    assert not names["ring"].overlaps(Bbox(around)) and names["core"].overlaps(Bbox(around))
 
 
 @pytest.mark.parametrize("way, end", [(0.0, 2.0), (1.0, 3.0), (50.0, 5.0)])
