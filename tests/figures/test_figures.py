@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.quiver import Quiver
 from matplotlib.transforms import Bbox
 from PIL import Image, ImageColor
 
@@ -877,6 +878,23 @@ def test_labels_loads_and_weight_are_on_the_picture(tmp_path):
     assert len(arrows) == 4  # top, right side, the supported left side, weight
     down = arrows[-1]
     assert np.all(down.U == 0) and np.all(down.V < 0)
+
+
+def test_loads_and_springs_at_points_are_on_the_picture(tmp_path):
+    """A load that pushes ends at its point, one that pulls begins there; springs lead outside."""
+    given = [("point_load", [1.0, 1.0], [0.0, -5.0]), ("point_load", [2.0, 0.5], [2.5, 0.0]),
+             ("springs", [0.0, 1.0], [3.0, 4.0])]
+    points = [{"effect": effect, "number": 1, "place": place, "value": value}
+              for effect, place, value in given]
+    figure = figures.compose("geometry", moved_run(tmp_path, {}, points=points))
+    assert {"point load", "spring"} <= set(legend_words(figure))
+    drawn_at = [(c.X + c.U * (c.V < 0), c.Y + c.V * (c.V < 0)) for c in figure.axes[0].collections
+                if isinstance(c, Quiver) and len(c.U) == 2]
+    assert any(np.allclose(place, [[1.0, 2.0], [1.0, 0.5]]) for place in drawn_at)
+    spring = next(c.get_segments() for c in figure.axes[0].collections
+                  if isinstance(c, LineCollection) and len(c.get_segments()) == 2
+                  and len(c.get_segments()[0]) == 8)
+    assert [line[-1].round(6).tolist() for line in spring] == [[-0.1, 1.0], [0.0, 1.1]]
 
 
 def test_the_arrow_of_a_body_force_does_not_stand_in_a_hole(tmp_path):
