@@ -20,7 +20,7 @@ from .obstacle import draw_obstacles, draw_planes, pieces, rigid_rows
 from .outline import outer, place_inside
 from .reading import Mesh, Run, select
 from .scales import round_magnification, stress_scale
-from .style import INK, RED, STATUS, status_name
+from .style import INK, RED, STATUS, literal, status_name
 
 SHOWN = 0.08  # largest displacement in the picture over the body's size
 STRAIN = 0.25  # or where that strains most of the body so much in the picture, whichever is less
@@ -184,7 +184,8 @@ def _name_materials(axes, run: Run, mesh: Mesh, moved: np.ndarray) -> None:
         own = moved[mesh.triangles[mesh.body == row["body"] - 1]]
         if not len(own):
             continue
-        name = axes.annotate(row["name"], rim[0], color=INK, ha="center", va="center", fontsize=8,
+        name = axes.annotate(literal(row["name"]), rim[0], color=INK, ha="center", va="center",
+                             fontsize=8,
                              bbox={"fc": "white", "ec": "none", "alpha": 0.7, "pad": 1.0})
         boxes = []
         for place in _inside(own, rim):

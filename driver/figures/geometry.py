@@ -14,7 +14,7 @@ from .obstacle import draw_obstacles, hatch, where_it_goes
 from .outline import outward_edges, place_inside, sample
 from .reading import Run
 from .scales import Scale, length_scale, stress_scale
-from .style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RED, SKY
+from .style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RED, SKY, literal
 
 TINTS = ["#F1F1EC", "#DDE8F0", "#F3E6D8", "#E4EEDD", "#EFE1EC", "#E3E3E3"]  # of bodies, materials
 LINES = {"free": INK, "support": BLUE, "load": RED, "contact": GREEN, "pair": GREEN,
@@ -79,7 +79,7 @@ def _materials(run: Run) -> tuple[np.ndarray, list[str]]:
     if bodies := run.summary.get("materials"):
         named = [(row["name"], row["young"], row["poisson"]) for row in bodies]
         known = list(dict.fromkeys(named))
-        words = [f"{name}, $E$ = {_said(young, stress_scale(run, young))}"
+        words = [f"{literal(name)}, $E$ = {_said(young, stress_scale(run, young))}"
                  for name, young, _ in known]
         return np.array([known.index(one) for one in named])[mesh.body], words
     regions, of_region = np.unique(mesh.region, return_inverse=True)

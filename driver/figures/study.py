@@ -11,7 +11,7 @@ from ..text import words
 from .reading import select
 from ..units import spelt
 from .scales import scale_for
-from .style import BLUE, ORANGE, STATUS, canvas, write
+from .style import BLUE, ORANGE, STATUS, canvas, literal, write
 
 FAR = 30  # times the least value: from there on values may stand on a logarithmic axis
 
@@ -55,7 +55,8 @@ def _fill(figure: Figure, summary: dict, table: dict) -> None:
         axes.set_xlabel(words(name))
         if numbers:
             _scaled(axes, values)
-    figure.suptitle(f"{summary['scene']}: {summary['values']} values of {name}, end of the history")
+    figure.suptitle(f"{literal(summary['scene'])}: {summary['values']} values of {name}, "
+                    "end of the history")
 
 
 def _scaled(axes, values: np.ndarray) -> None:

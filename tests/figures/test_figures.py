@@ -956,6 +956,17 @@ def test_materials_have_the_names_that_the_scene_gives_them(run):
     assert legend_words(figures.compose("geometry", one))[:2] == said
 
 
+def test_names_with_dollars_are_no_formulas(run):
+    """Two of them in a material, one in the scene: the first were none, the second the titles'."""
+    rows = [{"body": 1, "name": "5$ ^_$ alloy", "young": 1e9, "poisson": 0.3}]
+    changed = {"scene": "low$cost.edp", "materials": rows}
+    one = dataclasses.replace(run, summary=run.summary | changed)
+    assert r"scene low\$cost" in words(figures.compose("geometry", one))
+    figure = figures.compose("deformed", one)
+    assert figure.axes[0].texts[0].get_text() == r"5\$ ^_\$ alloy"
+    assert r"5\$ ^_\$ alloy, $E$ = 1 GPa" in legend_words(figures.compose("geometry", one))
+
+
 def test_names_of_materials_do_not_stand_on_each_other(run):
     """Of slender bodies side by side, whose names are wider than they are."""
     xy = run.last.xy[run.last.triangles].mean(axis=1)
