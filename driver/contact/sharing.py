@@ -30,7 +30,7 @@ def alike(force: np.ndarray, normals: np.ndarray, F: np.ndarray, c: np.ndarray,
             p = own - turn @ q
             away = np.linalg.norm([p - P, q - Q])
             if _fits(p, q, signs, F, c, slight) and away < least - slight:
-                best, least = _within(p, q, signs, F, c), away
+                best, least = _within(p, q, signs, F, c, slight), away
     return best
 
 
@@ -54,7 +54,7 @@ def least_friction(force: np.ndarray, normals: np.ndarray, F: np.ndarray, c: np.
         for q in _crossings(own, turn, F * signs, c, before):
             p, rub = own - turn @ q, np.abs(q - before).sum()
             if _fits(p, q, signs, F, c, slight) and rub < least - slight:
-                best, least = _within(p, q, signs, F, c), rub
+                best, least = _within(p, q, signs, F, c, slight), rub
     return best
 
 
@@ -71,10 +71,11 @@ def _fits(p, q, signs, F, c, slight: float) -> bool:
                 and (np.abs(q) <= F * np.abs(p) + c + slight).all())
 
 
-def _within(p, q, signs, F, c) -> tuple[np.ndarray, np.ndarray]:
-    """The same without what rounding left."""
+def _within(p, q, signs, F, c, slight: float) -> tuple[np.ndarray, np.ndarray]:
+    """The same without what rounding left: friction forces at their bounds are the bounds."""
     p = np.where(p * signs > 0, p, 0.0)
-    return p, np.clip(q, -F * np.abs(p) - c, F * np.abs(p) + c)
+    bound = F * np.abs(p) + c
+    return p, np.where(np.abs(q) > bound - slight, np.sign(q) * bound, q)
 
 
 def _lines(own, turn, F, c, before=(0.0, 0.0)) -> list[tuple[np.ndarray, float]]:

@@ -12,7 +12,7 @@ from matplotlib.ticker import FuncFormatter
 
 from ..files import read_rows
 from ..text import percent, words
-from .style import BLUE, GREEN, INK, ORANGE, PURPLE, RED, SKY, canvas, header, write
+from .style import BLUE, GREEN, INK, ORANGE, PURPLE, RED, SKY, canvas, header, literal, write
 
 SWEEPS = {  # sweep: its name in the legend, colour, marker and the symbol of what is varied
     "mesh": ("uniform meshes", BLUE, "o", "$h$"), "quadratic": ("uniform, P2", SKY, "h", "$h$"),
@@ -105,7 +105,7 @@ def _fill(figure: Figure, runs: list[Point], front: list[Point], reference: dict
         axes.tick_params(axis="x", which="both", labelsize=7, length=3)
     _settings(figure.add_subplot(grid[1]), front)
     source = "reference run" if reference["source"] == "reference run" else "closed form"
-    identity = (f"{reference['scene']}; against the {source}, good to {percent(limit)}; "
+    identity = (f"{literal(reference['scene'])}; against the {source}, good to {percent(limit)}; "
                 "bars: spread of repeated runs")
     header(figure, f"What accuracy costs: {quantity}", identity, handles)
 

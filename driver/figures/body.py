@@ -17,10 +17,10 @@ from scipy.spatial import cKDTree
 from .crossing import without_crossing
 from .layout import map_axes, run_header, shrink_to_body
 from .obstacle import draw_obstacles, draw_planes, pieces, rigid_rows
-from .outline import outer
+from .outline import outer, place_inside
 from .reading import Mesh, Run, select
 from .scales import round_magnification, stress_scale
-from .style import INK, RED, STATUS, status_name
+from .style import INK, RED, STATUS, literal, status_name
 
 SHOWN = 0.08  # largest displacement in the picture over the body's size
 STRAIN = 0.25  # or where that strains most of the body so much in the picture, whichever is less
@@ -179,15 +179,16 @@ def _name_materials(axes, run: Run, mesh: Mesh, moved: np.ndarray) -> None:
     """The names of the bodies' materials, where they are given: each in the middle of its body, or
     beside it where another name is there. The figure has its final size.
     """
-    middle, taken = moved[mesh.triangles].mean(axis=1), []
+    rim, taken = moved[mesh.rim()[0]].mean(axis=1), []
     for row in run.summary.get("materials", []):
-        own = middle[mesh.body == row["body"] - 1]
+        own = moved[mesh.triangles[mesh.body == row["body"] - 1]]
         if not len(own):
             continue
-        name = axes.annotate(row["name"], own[0], color=INK, ha="center", va="center", fontsize=8,
+        name = axes.annotate(literal(row["name"]), rim[0], color=INK, ha="center", va="center",
+                             fontsize=8,
                              bbox={"fc": "white", "ec": "none", "alpha": 0.7, "pad": 1.0})
         boxes = []
-        for place in _inside(own):
+        for place in _inside(own, rim):
             name.xy = place
             name.set_position(place)
             boxes.append((place, name.get_window_extent()))
@@ -199,9 +200,12 @@ def _name_materials(axes, run: Run, mesh: Mesh, moved: np.ndarray) -> None:
         taken.append(name.get_window_extent())
 
 
-def _inside(own: np.ndarray) -> list[np.ndarray]:
-    """Places in a body with these centres of triangles: in the middle, then along its length."""
-    wanted = [own.mean(axis=0)]
+def _inside(corners: np.ndarray, rim: np.ndarray) -> list[np.ndarray]:
+    """Places in a body of triangles (m, 3, 2): in the middle, or farthest from any `rim` (e, 2)
+    where that is in a hole, then along its length.
+    """
+    own = corners.mean(axis=1)
+    wanted = [place_inside(corners, rim)]
     far = np.ptp(own, axis=0).argmax()
     for part in BESIDE:
         wanted.append(np.median(own[np.abs(own[:, far] - np.quantile(own[:, far], part)).argsort()

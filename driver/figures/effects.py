@@ -12,7 +12,7 @@ from ..files import read_rows, read_table
 from ..text import change
 from .reading import contact_boundaries, select
 from .scales import scale_for
-from .style import BLUE, GREEN, INCH, INK, ORANGE, PURPLE, RED, SKY, canvas, header, write
+from .style import BLUE, GREEN, INCH, INK, ORANGE, PURPLE, RED, SKY, canvas, header, literal, write
 
 COLOURS = (INK, RED, BLUE, GREEN, ORANGE, PURPLE, SKY, "#7A4B00")
 DASHES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)))
@@ -64,7 +64,8 @@ def _fill(figure: Figure, scene: str, variants: list[dict], curves: dict[str, di
     _changes(figure.add_subplot(bottom[0, 0]), variants[1:])
     _costs(figure.add_subplot(bottom[0, 1]), figure.add_subplot(bottom[0, 2]), variants)
     header(figure, "Effects left out one at a time",
-           f"scene {scene}; changes at the end of the run, costs of the whole run", handles, 2.4)
+           f"scene {literal(scene)}; changes at the end of the run, costs of the whole run",
+           handles, 2.4)
     _key(figure, bottom=0.62 * INCH / figure.get_figheight())
 
 

@@ -6,16 +6,15 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from scipy.spatial import cKDTree
 
 from ..vectors import turned_left
-from .labels import label_numbers
+from .labels import label_numbers, within
 from .layout import map_axes, run_header, shrink_to_body
 from .obstacle import draw_obstacles, hatch, where_it_goes
-from .outline import outward_edges, sample
+from .outline import outward_edges, place_inside, sample
 from .reading import Run
 from .scales import Scale, length_scale, stress_scale
-from .style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RED, SKY
+from .style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RED, SKY, literal
 
 TINTS = ["#F1F1EC", "#DDE8F0", "#F3E6D8", "#E4EEDD", "#EFE1EC", "#E3E3E3"]  # of bodies, materials
 LINES = {"free": INK, "support": BLUE, "load": RED, "contact": GREEN, "pair": GREEN,
@@ -48,7 +47,7 @@ def geometry(figure: Figure, run: Run) -> None:
     near = where_it_goes(run, np.array([mesh.xy.min(axis=0), mesh.xy.max(axis=0)]))
     draw_obstacles(axes, run, 0.0, size, scale.factor, scale.factor * near, 0.016 * size)
     _load_arrows(axes, edges, traction, boundary["label"], size)
-    handles += _weight(axes, run, xy, size)
+    handles += _at_points(axes, run, edges, scale.factor, size) + _weight(axes, run, xy, size)
     roles = np.where(_moved(boundary) & (role == "support"), "moved", role)
     label_numbers(axes, {**boundary, "role": roles}, edges, size, LINES | {"moved": PURPLE})
     if run.summary["sizes"]["subdomains"] > 1:
@@ -80,7 +79,7 @@ def _materials(run: Run) -> tuple[np.ndarray, list[str]]:
     if bodies := run.summary.get("materials"):
         named = [(row["name"], row["young"], row["poisson"]) for row in bodies]
         known = list(dict.fromkeys(named))
-        words = [f"{name}, $E$ = {_said(young, stress_scale(run, young))}"
+        words = [f"{literal(name)}, $E$ = {_said(young, stress_scale(run, young))}"
                  for name, young, _ in known]
         return np.array([known.index(one) for one in named])[mesh.body], words
     regions, of_region = np.unique(mesh.region, return_inverse=True)
@@ -167,11 +166,38 @@ def _springs(axes, boundary: dict, edges: tuple, size: float) -> None:
     if not len(own):
         return
     points, edge = sample(start[own], end[own], 0.06 * size)
-    out = normal[own[edge]]
+    _zigzags(axes, points, normal[own[edge]], size)
+
+
+def _zigzags(axes, points: np.ndarray, out: np.ndarray, size: float) -> None:
+    """Springs that go from points (n, 2) in the directions `out` (n, 2)."""
     off = np.array([0, 0.2, 0.3, 0.45, 0.55, 0.7, 0.8, 1])[:, None] * 0.05 * size
     aside = np.array([0, 0, 1, -1, 1, -1, 0, 0])[:, None] * 0.012 * size
     lines = points[:, None] + off * out[:, None] + aside * turned_left(out)[:, None]
     axes.add_collection(LineCollection(lines, colors=LINES["springs"], linewidths=0.8, zorder=2.4))
+
+
+def _at_points(axes, run: Run, edges: tuple, factor: float, size: float) -> list:
+    """Arrows of the loads at points, springs that lead away from the bodies; legend entries."""
+    given = {name: [point for point in run.summary.get("points", []) if point["effect"] == name]
+             for name in ("point_load", "springs")}
+    handles = []
+    if loads := given["point_load"]:
+        places, force = (np.array([load[key] for load in loads]) for key in ("place", "value"))
+        arrows = ARROW * size * force / np.linalg.norm(force, axis=1).max()
+        places = factor * places
+        inside = [within(place - 0.1 * arrow, *edges[:2]) for place, arrow in zip(places, arrows)]
+        _quiver(axes, places - np.where(np.array(inside)[:, None], 0, arrows), arrows, RED)
+        handles.append(Line2D([], [], color=RED, marker=r"$\downarrow$", ls="none", ms=7,
+                              label="point load"))
+    ends = [(factor * np.array(spring["place"]), axis) for spring in given["springs"]
+            for axis, stiffness in zip(np.eye(2), spring["value"]) if stiffness]
+    if ends:
+        places, out = np.array(ends).swapaxes(0, 1)
+        away = (out * (places - edges[0].mean(axis=0))).sum(axis=1) < 0
+        _zigzags(axes, places, np.where(away[:, None], -out, out), size)
+        handles.append(Line2D([], [], color=LINES["springs"], lw=0.8, label="spring"))
+    return handles
 
 
 def _motion_arrows(axes, boundary: dict, edges: tuple, moved: np.ndarray, size: float) -> None:
@@ -232,25 +258,11 @@ def _weight(axes, run: Run, xy: np.ndarray, size: float) -> list:
         return []
     arrows = 0.1 * size * force[pulled] / length[pulled, None]
     rim = xy[run.first.rim()[0]].mean(axis=1)
-    middles = np.array([_place_inside(xy[run.first.triangles[run.first.body == bodies[k]]], rim)
+    middles = np.array([place_inside(xy[run.first.triangles[run.first.body == bodies[k]]], rim)
                         for k in pulled])
     _quiver(axes, middles - arrows / 2, arrows, GREY)
     return [Line2D([], [], color=GREY, marker=r"$\downarrow$", ls="none", ms=7,
                    label="body force")]
-
-
-def _place_inside(corners: np.ndarray, rim: np.ndarray) -> np.ndarray:
-    """The middle of a body of triangles (m, 3, 2), or its place farthest from any `rim` (e, 2) if
-    that is in a hole or beside the body.
-    """
-    middle = corners.mean(axis=(0, 1))
-    around = np.roll(corners, -1, axis=1) - corners
-    off = middle - corners
-    side = around[..., 0] * off[..., 1] - around[..., 1] * off[..., 0]
-    if ((side >= 0).all(axis=1) | (side <= 0).all(axis=1)).any():
-        return middle
-    centres = corners.mean(axis=1)
-    return centres[cKDTree(rim).query(centres)[0].argmax()]
 
 
 def _note(run: Run, boundary: dict, traction: np.ndarray) -> str:

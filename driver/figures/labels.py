@@ -63,13 +63,13 @@ def _places(own: np.ndarray, edges: tuple, size: float, role: str) -> list[tuple
         aside = turned_left(out)
         beyond = point + outside * size * out
         places += [(point - INSIDE * size * out, point, False, off),
-                   (beyond, point, False, off + OUTER + busy + INTO * _within(beyond, start, end))]
+                   (beyond, point, False, off + OUTER + busy + INTO * within(beyond, start, end))]
         places += [(point + AWAY * size * (way * out + across * aside), point, True, off + LED)
                    for way in (1, -1) for across in (0, 1, -1)]
     return places
 
 
-def _within(place: np.ndarray, start: np.ndarray, end: np.ndarray) -> bool:
+def within(place: np.ndarray, start: np.ndarray, end: np.ndarray) -> bool:
     """Whether a point (2,) is inside a body: a ray from it crosses the boundary an odd number of
     times.
     """

@@ -8,7 +8,7 @@ from matplotlib.ticker import MaxNLocator
 
 from .reading import Run, contact_boundaries
 from .scales import length_scale
-from .style import INCH, header, lay_out, place_header
+from .style import INCH, header, lay_out, literal, place_header
 
 PANELS = 6  # contact boundaries that fit in one figure
 NAMED = 5  # of those that do not, so many are named
@@ -23,7 +23,8 @@ def run_header(figure: Figure, run: Run, caption: str, handles: list, note: str 
     verdict = run.summary.get("validity", {}).get("verdict", "ok")
     if verdict != "ok":
         state += f" ({verdict}: see the warnings)"
-    identity = ", ".join(w for w in (f"scene {run.scene}", run.summary.get("variant"), note) if w)
+    names = literal(f"scene {run.scene}"), literal(run.summary.get("variant") or "")
+    identity = ", ".join(words for words in (*names, note) if words)
     header(figure, caption + state, identity, handles)
 
 

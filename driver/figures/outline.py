@@ -84,3 +84,17 @@ def sample(start: np.ndarray, end: np.ndarray, spacing: float):
         points.append(start[edge] + part[:, None] * (end[edge] - start[edge]))
         owners.append(edge)
     return np.concatenate(points), np.concatenate(owners)
+
+
+def place_inside(corners: np.ndarray, rim: np.ndarray) -> np.ndarray:
+    """The middle of a body of triangles (m, 3, 2), or its place farthest from any `rim` (e, 2) if
+    that is in a hole or beside the body.
+    """
+    middle = corners.mean(axis=(0, 1))
+    around = np.roll(corners, -1, axis=1) - corners
+    off = middle - corners
+    side = around[..., 0] * off[..., 1] - around[..., 1] * off[..., 0]
+    if ((side >= 0).all(axis=1) | (side <= 0).all(axis=1)).any():
+        return middle
+    centres = corners.mean(axis=1)
+    return centres[cKDTree(rim).query(centres)[0].argmax()]

@@ -11,7 +11,9 @@ from ..text import words
 from .reading import select
 from ..units import spelt
 from .scales import scale_for
-from .style import BLUE, ORANGE, STATUS, canvas, write
+from .style import BLUE, ORANGE, STATUS, canvas, literal, write
+
+FAR = 30  # times the least value: from there on values may stand on a logarithmic axis
 
 
 def draw(directory: Path) -> list[Path]:
@@ -51,4 +53,18 @@ def _fill(figure: Figure, summary: dict, table: dict) -> None:
         axes.legend(frameon=False)
     for axes in (zones, energy):
         axes.set_xlabel(words(name))
-    figure.suptitle(f"{summary['scene']}: {summary['values']} values of {name}, end of the history")
+        if numbers:
+            _scaled(axes, values)
+    figure.suptitle(f"{literal(summary['scene'])}: {summary['values']} values of {name}, "
+                    "end of the history")
+
+
+def _scaled(axes, values: np.ndarray) -> None:
+    """An axis of numbers: logarithmic where most of it would be one step between them, else with
+    the power of ten of small and large ones at its end.
+    """
+    steps = np.diff(np.sort(values))
+    if values.min() > 0 and values.max() > FAR * values.min() and steps.max() > steps.sum() / 2:
+        axes.set_xscale("log")
+    else:
+        axes.ticklabel_format(axis="x", style="sci", scilimits=(-3, 4), useMathText=True)

@@ -34,6 +34,11 @@ def status_name(status: str, friction: bool) -> str:
     return "contact" if status != "open" and not friction else status
 
 
+def literal(text: str) -> str:
+    """A name that a scene gives, none of whose signs begins a formula."""
+    return text.replace("$", r"\$")
+
+
 def _bitmap(figure: Figure, path: Path) -> None:
     figure.canvas.print_png(path)  # where savefig would draw twice
 
@@ -102,7 +107,7 @@ def _written(figure: Figure, text: str, **look) -> None:
     artist = figure.text(0.5, 1, text, ha="center", va="top", multialignment="center", **look)
     if _fits(artist, figure):
         return
-    words = re.findall(r"\([^()$]*\)|(?:\$[^$]*\$|[^ $])+", text)
+    words = re.findall(r"\([^()$]*\)|(?:\\\$|\$[^$]*\$|[^ $])+", text)
     artist.set_text(words[0])
     for word in words[1:]:
         before = artist.get_text()

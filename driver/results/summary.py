@@ -20,6 +20,7 @@ from ..march.quasistatic import QuasistaticSolver
 from ..options import Settings
 from ..timing import memory_used
 from . import omissions
+from .at_points import at_points
 from .ledger import ledger
 from .writer import Writer
 
@@ -122,6 +123,8 @@ class Summary:
         "history that is repeated with its cycle once")
     loads: list = entry("resultant of every load at amplitude 1: effect, number of the amplitude, "
                         "force, that on each of the bodies", "stress length")
+    points: list = entry("loads and springs at points: effect, number of the amplitude, place, "
+                         "force at amplitude 1 or stiffness in x and y")
     parameters: dict = entry("parameters of the scene and options of the solver")
     versions: dict = entry("of the suite, Python, numpy and PETSc")
     seconds: dict = entry("wall time of the stages", "s", parts={
@@ -246,7 +249,7 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
         fallbacks={name: len(steps) for name, steps in history.fallbacks.steps.items()},
         uniqueness=solver.uniqueness.summary(), memory_mib=memory_mib,
         ranks=writer.operator.comm.size, units=manifest.units, amplitudes=manifest.amplitudes,
-        loads=_loads(problem),
+        loads=_loads(problem), points=at_points(problem),
         parameters={**manifest.parameters, **asdict(settings)}, versions=_versions(),
         seconds=seconds, effects_ledger=_ledger(problem, sizes, solver, writer),
         balance=writer.balance, dissipated=writer.record.dissipated, **optional)

@@ -1,8 +1,8 @@
 """Mistakes of writing that FreeFEM takes for something else, without a word.
 
 One = in place of two, a < b < c, label == 3 || 4, an integer for a parameter that has decimals,
-an option for one of two names that capitals alone tell apart: what is declared would have other
-values than those that were meant.
+an option for one of two names that capitals alone tell apart, x in a history: what is declared
+would have other values than those that were meant.
 """
 
 import re
@@ -16,6 +16,10 @@ SET = re.compile(r"(?<![.\w])(label|region|x|y)=(?!=)")
 EQUALS, ORDERS = re.compile(r"[=!]="), re.compile(r"[<>]=?")
 CALLS = {"h": "meshSize", "cells": "rectangle"}  # what reads parameters of the library
 STREAM = re.compile("<<|>>")
+# what has one value, or one list, whatever the place, at which x and y would be left from before
+PLACELESS = re.compile(r"amplitude\d|(slip|displacement)Factor|stepTimes|cycles|cycleStart|"
+                       r"point(Load\d|Spring)|probePoints")
+PLACE = re.compile(r"(?<![.\w])(?:x|y|label|region)\b(?!\()")
 NUMBER = re.compile(r"[-+]?[\d.]+")
 # a value by itself, which no factor makes whole
 INTEGER = re.compile(r'\bint\s+(?:[^;()]*,\s*)?(\w+)\s*=\s*physical\s*\(\s*"([^"]*)"\s*,([^()]*)\)'
@@ -34,7 +38,7 @@ def check(scene: Path, parameters: dict[str, str]) -> None:
     macros = [macro for source in files for macro in grammar.definitions(source)]
     named = declaring(macros, rooms.vocabulary())
     for macro in macros:
-        if macro.name in named and (reason := _mistake(macro.content)):
+        if macro.name in named and (reason := _mistake(macro.content) or _misplaced(macro)):
             raise InputError(f"{macro.path.name} line {macro.line}: {macro.name} {reason}")
 
 
@@ -98,6 +102,16 @@ def _mistake(content: str) -> str:
             return (f"has {alone} as a condition, which is the same everywhere: {term}; each side "
                     "compares, as in  label == 3 || label == 4")
     return ""
+
+
+def _misplaced(macro: grammar.Definition) -> str:
+    """What a macro that is the same everywhere asks of the place, arguments of its own apart."""
+    own = re.findall(r"\w+", macro.arguments or "")
+    asked = [word for word in PLACE.findall(code_of(macro.content)) if word not in own]
+    if not asked or not PLACELESS.fullmatch(macro.name):
+        return ""
+    return (f"asks for {asked[0]}, but is the same at every place: what varies with it belongs "
+            "into the load or the coefficient itself")
 
 
 def _chained(side: str) -> bool:

@@ -94,3 +94,15 @@ def test_who_holds_a_right_corner(force, offset, bilateral, expected, size):
     nodes.in_tangential = np.array([[0, 1]])
     rows = SimpleNamespace(coefficient=np.full(2, 0.3), offset=np.full(2, offset * size))
     assert nodes._state_of(0, size * np.array(force), rows) == expected
+
+
+@pytest.mark.parametrize("cohesion", [False, True])
+def test_friction_that_was_at_its_bound_is_there_to_the_last_bit(cohesion):
+    """Whether the node slips is told by comparison with the bound, alike for every cut."""
+    for seed in range(20):
+        normals, F, c, *_ = corner(seed, cohesion)
+        pressures = np.random.default_rng(seed).uniform(0.5, 2, 2)
+        before = np.array([1, -1]) * (F * pressures + c)
+        force = pressures @ normals + before @ tangents(normals)
+        p, q = least_friction(force, normals, F, c, np.zeros(2, bool), before)
+        np.testing.assert_array_equal(np.abs(q), F * np.abs(p) + c)

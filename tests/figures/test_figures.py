@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.quiver import Quiver
+from matplotlib.transforms import Bbox
 from PIL import Image, ImageColor
 
 from driver import figures
@@ -878,6 +880,23 @@ def test_labels_loads_and_weight_are_on_the_picture(tmp_path):
     assert np.all(down.U == 0) and np.all(down.V < 0)
 
 
+def test_loads_and_springs_at_points_are_on_the_picture(tmp_path):
+    """A load that pushes ends at its point, one that pulls begins there; springs lead outside."""
+    given = [("point_load", [1.0, 1.0], [0.0, -5.0]), ("point_load", [2.0, 0.5], [2.5, 0.0]),
+             ("springs", [0.0, 1.0], [3.0, 4.0])]
+    points = [{"effect": effect, "number": 1, "place": place, "value": value}
+              for effect, place, value in given]
+    figure = figures.compose("geometry", moved_run(tmp_path, {}, points=points))
+    assert {"point load", "spring"} <= set(legend_words(figure))
+    drawn_at = [(c.X + c.U * (c.V < 0), c.Y + c.V * (c.V < 0)) for c in figure.axes[0].collections
+                if isinstance(c, Quiver) and len(c.U) == 2]
+    assert any(np.allclose(place, [[1.0, 2.0], [1.0, 0.5]]) for place in drawn_at)
+    spring = next(c.get_segments() for c in figure.axes[0].collections
+                  if isinstance(c, LineCollection) and len(c.get_segments()) == 2
+                  and len(c.get_segments()[0]) == 8)
+    assert [line[-1].round(6).tolist() for line in spring] == [[-0.1, 1.0], [0.0, 1.1]]
+
+
 def test_the_arrow_of_a_body_force_does_not_stand_in_a_hole(tmp_path):
     """A block without its middle: the arrow is in what is left, farthest from all sides."""
     run = figures.read_run(make_run(tmp_path, steps=1, products=6, subdomains=(1, 1), cells=20))
@@ -937,6 +956,17 @@ def test_materials_have_the_names_that_the_scene_gives_them(run):
     assert legend_words(figures.compose("geometry", one))[:2] == said
 
 
+def test_names_with_dollars_are_no_formulas(run):
+    """Two of them in a material, one in the scene: the first were none, the second the titles'."""
+    rows = [{"body": 1, "name": "5$ ^_$ alloy", "young": 1e9, "poisson": 0.3}]
+    changed = {"scene": "low$cost.edp", "materials": rows}
+    one = dataclasses.replace(run, summary=run.summary | changed)
+    assert r"scene low\$cost" in words(figures.compose("geometry", one))
+    figure = figures.compose("deformed", one)
+    assert figure.axes[0].texts[0].get_text() == r"5\$ ^_\$ alloy"
+    assert r"5\$ ^_\$ alloy, $E$ = 1 GPa" in legend_words(figures.compose("geometry", one))
+
+
 def test_names_of_materials_do_not_stand_on_each_other(run):
     """Of slender bodies side by side, whose names are wider than they are."""
     xy = run.last.xy[run.last.triangles].mean(axis=1)
@@ -949,6 +979,20 @@ def test_names_of_materials_do_not_stand_on_each_other(run):
     names = [text.get_window_extent() for text in figure.axes[0].texts]
     assert len(names) == 8
     assert not any(a.overlaps(b) for k, a in enumerate(names) for b in names[:k])
+
+
+def test_the_name_of_a_body_around_another_stands_on_it(run):
+    """The middle of a ring is not in it; beside its hole half of the name would be on the core."""
+    xy = run.last.xy[run.last.triangles].mean(axis=1)
+    core = (np.abs(xy - [1.0, 0.5]) < [0.5, 0.3]).all(axis=1)
+    rows = [{"body": k + 1, "name": name, "young": 1e9, "poisson": 0.3}
+            for k, name in enumerate(["ring", "core"])]
+    one = dataclasses.replace(run, last=dataclasses.replace(run.last, body=core.astype(int)),
+                              summary=run.summary | {"materials": rows})
+    axes = figures.compose("deformed", one).axes[0]
+    names = {text.get_text(): text.get_window_extent() for text in axes.texts}
+    around = axes.transData.transform([[0.5, 0.2], [1.5, 0.8]])
+    assert not names["ring"].overlaps(Bbox(around)) and names["core"].overlaps(Bbox(around))
 
 
 @pytest.mark.parametrize("way, end", [(0.0, 2.0), (1.0, 3.0), (50.0, 5.0)])

@@ -518,6 +518,26 @@ def test_mistakes_that_freefem_takes_for_something_else(said, formula, helper, w
     assert words in said(("macro friction() F //", f"{helper}macro friction() {formula} //"))
 
 
+@pytest.mark.parametrize("macro, word", [
+    ("amplitude1(t) (t*x)", "x"), ("amplitude2(t) (label == 3 ? t : 1.)", "label"),
+    ("slipFactor(s) (1. - s*y)", "y"), ("displacementFactor(s) (region == 1 ? 1. : s)", "region"),
+    ("stepTimes() [0.5*x]", "x"), ("pointLoad1() [2., 1., x, 0.]", "x")])
+def test_what_is_the_same_at_every_place_asks_for_none(said, macro, word):
+    """FreeFEM has the x of any place that it has come to before."""
+    name = macro.partition("(")[0]
+    assert f"{name} asks for {word}, but is the same at every place" in said(
+        ("macro friction() F //", f"macro friction() F //\nmacro {macro} //"))
+
+
+@pytest.mark.parametrize("macro", ["amplitude1(x) (x*x)", "amplitude1(t) (t*table.x + N.y)",
+                                   "amplitude1(t) x(t)", "obstacleX(t) (label == 3 ? t : 0.)"])
+def test_names_like_those_of_places_are_not_refused(tmp_path, macro):
+    path = tmp_path / "mine.edp"
+    path.write_text(SCENE.replace("macro friction() F //",
+                                  f"macro friction() F //\nmacro {macro} //"))
+    pitfalls.check(path, {})
+
+
 @pytest.mark.parametrize("text", [
     'int n = physical("ratio", 1.5)*10;', 'int on = physical("share", 0.5) > 0.2, k = 3;',
     'int n = physical("number", 12);',

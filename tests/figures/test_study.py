@@ -1,0 +1,32 @@
+"""The picture of a parameter study: its axis of values can be read, whatever they are."""
+
+import numpy as np
+import pytest
+
+from driver.figures import study
+from driver.figures.style import STATUS, canvas
+
+
+def drawn(values):
+    """The figure of a study with these values of a wear coefficient."""
+    values = np.asarray(values, float)
+    table = {"wear": values, "resultant_n": -values, "resultant_t": values, "peak_pressure": values,
+             "dissipated": values, **{f"nodes_{zone}": values for zone in STATUS}}
+    summary = {"study": "wear", "scene": "pad", "values": len(values),
+               "units": {"length": "mm", "stress": "MPa"}}
+    # pylint: disable-next=protected-access
+    return canvas(lambda figure: study._fill(figure, summary, table), 12)
+
+
+@pytest.mark.parametrize("values, scale", [
+    ([1e-6, 1e-5, 1e-4], "log"), ([1e-6, 1e-4], "log"), ([1e-5, 2e-5, 5e-5], "linear"),
+    (np.linspace(1e6, 3.3e7, 10), "linear"), (np.linspace(0.01, 1, 100), "linear"),
+    ([-1.0, 0.0, 50.0], "linear"), ([5.0], "linear")])
+def test_numbers_of_the_axis_do_not_stand_on_each_other(values, scale):
+    """0.00002 beside 0.00004 did; decades stand in one distance."""
+    axes = drawn(values).axes[2]
+    assert axes.get_xscale() == scale
+    low, high = axes.get_xlim()
+    boxes = [label.get_window_extent() for label in axes.get_xticklabels()
+             if low <= label.get_position()[0] <= high]
+    assert not any(a.overlaps(b) for a, b in zip(boxes, boxes[1:]))
