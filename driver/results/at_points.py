@@ -9,6 +9,8 @@ from ..scene.subdomain import Subdomain
 def at_points(problem: Problem) -> list[dict]:
     """Entry `points` of summary.json; collective."""
     manifest = problem.manifest
+    if not {"point_load", "springs"} & set(manifest.rooms):
+        return []
     founded = manifest.rooms.get("springs", {}).get("labels", [])
     own = []
     for sub in problem.structure.subdomains:
