@@ -24,9 +24,9 @@ Solved by conjugate gradients with the operator, the rows and the preconditioner
 coupling of Coulomb's law by repetition: ten to twenty-five products each. What a change of the
 contact state adds is of higher order; errors of earlier steps are not in it.
 
-Smoothed stresses see SEES of an error in energy at least (else unresolved.py leaves the claim out),
-so that of an error of a quantity, in which two errors are multiplied, they see the square of it.
-What follows depends on whether meshes tell an order, without turning back:
+Smoothed stresses see SEES of an error in energy, less where its bound is larger than theirs by more
+than bounds are (where it is by far, unresolved.py leaves the claim out), so that of an error of a
+quantity, in which two errors are multiplied, they see the square of it. What follows depends on whether meshes tell an order, without turning back:
 
 told        they know how errors cancel, on contact states of their own: a claim is not below NET
             times net, nor above Cauchy's and Schwarz' bound, twice the product over SEES squared
@@ -55,7 +55,8 @@ from .budget import Part
 from .torn_body import Gather
 
 NET = 1.5
-SEES = 2 / 3  # part of an error in energy that smoothed stresses see at least
+SEES = 2 / 3  # part of an error in energy that smoothed stresses see, unless its bound says less
+OVER = 1.3  # bounds of errors in energy over the errors, as they mostly are
 PEAK = 2.0  # of a peak's gross: its product is that of a concentrated load
 ALIKE = 2.0  # product over gross below which both errors lie in one place, under the peak
 BLIND = 0.02  # net and gross below this part of a claim see nothing of its error: data err
@@ -77,15 +78,15 @@ class Sizes:
 
 
 def held(name: str, part: Part, sizes: Sizes | None, slack: float = 1.0,
-         told: bool = True) -> Part:
+         told: bool = True, seen: float = 1.0) -> Part:
     """The mesh's `part` of a quantity's error, held within what `sizes` leave.
 
     From above with a `slack`: the error may have parts that they do not see. `told`: whether meshes
-    tell an order.
+    tell an order. `seen`: part of the bound of the error in energy that smoothed stresses see.
     """
     if sizes is None or part.error is None or sizes.gross <= BLIND * part.error:
         return part
-    unseen = 1 / SEES**2
+    unseen = 1 / min(SEES, OVER * seen)**2
     most = 2 * unseen * sizes.product
     least = NET * sizes.net
     if name == "peak_pressure":

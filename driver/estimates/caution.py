@@ -118,17 +118,20 @@ class Caution:
     sizes: dict = field(default_factory=dict)  # of adjoint problems, by quantity
     length: float = np.inf  # of the largest body
     tips: float = np.inf  # order that tips of cracks leave, see sharp_ends.py
+    seen: float = 1.0  # part of the bound of the error in energy that smoothed stresses see
 
     @classmethod
     def of(cls, problem, touch: Touch, sizes: dict, energy: float = 0.0,
-           adapted: bool = False, polygons: bool = False) -> "Caution":
-        """`energy`: relative error in the energy norm; `polygons` as of polygons.py. Collective."""
+           adapted: bool = False, polygons: bool = False, seen: float = 1.0) -> "Caution":
+        """`energy`: relative error in the energy norm; `polygons` as of polygons.py, `seen` of
+        unresolved.py. Collective.
+        """
         element = problem.manifest.element
         polygons |= touch.round > 0 and "curved" not in problem.effects
         chords = element != "P1" and polygons
         largest = float(problem.structure.travel.bodies.size.max(initial=0.0)) or np.inf
         return cls(element, adapted, chords, stiffness(problem), energy, touch, sizes, largest,
-                   sharp_ends.of_tips(problem, touch))
+                   sharp_ends.of_tips(problem, touch), seen)
 
     def parts(self, values: dict, runs: list, ratios: list[float], singular,
               touches: list[Touch] = (), lost: list[float] = ()) -> dict[str, Part]:
@@ -276,7 +279,7 @@ class Caution:
         unseen = self.chords or self.touch.earlier and name in LEFT
         slack = np.inf if unseen else self.stiff  # for what smoothed stresses do not see
         told |= name not in HELD
-        part = held(name, part, self.sizes.get(name), slack, told)
+        part = held(name, part, self.sizes.get(name), slack, told, self.seen)
         if part.error is not None and not told and _grow(changes, ratios):
             part = located(part, BETWEEN * float(np.sqrt(part.error * abs(changes[0]))))
         return part

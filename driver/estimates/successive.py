@@ -28,7 +28,8 @@ def mesh_parts(problems: list, levels: list[Level], ratios: list[float], name: s
                                     lambda: gather_body(Gather(problem.operator)))
     energy = of_level(problem, finest, estimator)
     error = unresolved.energy_error(energy)
-    caution = Caution.of(problem, touches[0], adjoints, error, polygons=stand_for_curves(problem))
+    caution = Caution.of(problem, touches[0], adjoints, error, polygons=stand_for_curves(problem),
+                         seen=unresolved.seen(energy, said.get("smoothed"), finest.at + 1))
     found = caution.parts(values[0], good, ratios, finest.singular, touches, lost)
     if good:
         peaks = [Peaks.of_level(level) for level in levels[:alike]]

@@ -53,6 +53,8 @@ def test_linear_elements_in_what_keeps_its_volume_are_trusted_less():
     small = {"slip": Sizes(1e-9, 5e-3, 2e-3)}
     bound = 2 * 2e-3 / SEES**2
     assert of({"slip": power(1.0)}, sizes=small)["slip"].error == pytest.approx(bound)
+    assert of({"slip": power(1.0)}, sizes=small, seen=0.45)["slip"].error == pytest.approx(
+        bound * (SEES / (0.45 * adjoint.OVER)) ** 2)
     assert of({"slip": power(1.0)}, sizes=small, stiff=2.0)["slip"].error == pytest.approx(
         2 * bound)
 

@@ -157,18 +157,20 @@ def searched(monkeypatch):
         manifest = SimpleNamespace(element="P1")
         problems = [SimpleNamespace(manifest=manifest, operator=None, lost=part)
                     for part in (0.02, 0.05)]
-        given = []
+        given, said = [], {}
         caution = SimpleNamespace(
             parts=lambda *of: given.append(of) or dict.fromkeys(VALUES, Part(error)),
             beside=lambda part, *of: given.append(of) or part)
         for owner, name, answer in (
                 (successive.adjoint, "assess", ({"normal_resultant": 1.0}, {"smoothed": 0.01})),
                 (successive, "of_level", energy), (successive.Peaks, "of_level", None),
-                (successive.Caution, "of", caution), (successive, "stand_for_curves", False)):
+                (successive, "stand_for_curves", False)):
             monkeypatch.setattr(owner, name, lambda *_, answer=answer, **__: answer)
+        monkeypatch.setattr(successive.Caution, "of",
+                            lambda *_, **more: said.update(more) or caution)
         monkeypatch.setattr(successive.soundness, "lost", lambda problem: problem.lost)
         return successive.mesh_parts(problems, [level, level], [2.0], "normal_resultant",
-                                     "bound"), given
+                                     "bound"), [*given, said]
 
     return parts
 
@@ -178,8 +180,9 @@ def test_the_bound_says_nothing_of_an_earlier_step(searched, step, known):
     """That smoothed stresses miss most of it is seen at the step that the bound of the error in
     energy is of: the values are of the second one, after which contact is lost.
     """
-    found, _ = searched(0.01, {"kind": "equilibrated", "step": step, "mesh": 1.0})
+    found, given = searched(0.01, {"kind": "equilibrated", "step": step, "mesh": 1.0})
     assert (found["slip"].error is not None) == known
+    assert given[-1]["seen"] == (1.0 if known else 0.01)
 
 
 def test_a_search_claims_no_more_than_a_run_would(searched):
