@@ -26,7 +26,8 @@ contact state adds is of higher order; errors of earlier steps are not in it.
 
 Smoothed stresses see SEES of an error in energy, less where its bound is larger than theirs by more
 than bounds are (where it is by far, unresolved.py leaves the claim out), so that of an error of a
-quantity, in which two errors are multiplied, they see the square of it. What follows depends on whether meshes tell an order, without turning back:
+quantity, in which two errors are multiplied, they see the square of it. What follows depends on
+whether meshes tell an order, without turning back:
 
 told        they know how errors cancel, on contact states of their own: a claim is not below NET
             times net, nor above Cauchy's and Schwarz' bound, twice the product over SEES squared
@@ -39,7 +40,8 @@ not told    two meshes, differences that turn, hardly fall (caution.py), or fall
 
 Peaks err below one node, where smoothed stresses are of lower order than the pressure: they have a
 limit from above alone, PEAK times gross; slip adds up over steps, of which the adjoint problem
-knows the last: meshes speak, up to the bound. Where slip turned, or contact was unloaded since, all
+knows the last: meshes speak, up to the bound, but where there are two, which agree by chance, the
+claim is not below gross over SEES squared. Where slip turned, or contact was unloaded since, all
 that the last state has of it errs by what earlier ones did: no claim of slip, shear or displacement
 is limited from above.
 """
@@ -92,6 +94,8 @@ def held(name: str, part: Part, sizes: Sizes | None, slack: float = 1.0,
     if name == "peak_pressure":
         concentrated = sizes.product > ALIKE * sizes.gross
         least, most = 0.0, PEAK * sizes.gross if concentrated else np.inf
+    elif not told and name == "slip":
+        least = unseen * sizes.gross
     elif not told:
         least = (max(unseen * sizes.net, sizes.gross) if name == "displacement"
                  else unseen * sizes.gross)

@@ -278,7 +278,7 @@ class Caution:
         part = self._doubted(part, told)
         unseen = self.chords or self.touch.earlier and name in LEFT
         slack = np.inf if unseen else self.stiff  # for what smoothed stresses do not see
-        told |= name not in HELD
+        told |= name not in HELD and (name != SLIP or len(changes) > 1)
         part = held(name, part, self.sizes.get(name), slack, told, self.seen)
         if part.error is not None and not told and _grow(changes, ratios):
             part = located(part, BETWEEN * float(np.sqrt(part.error * abs(changes[0]))))

@@ -59,6 +59,14 @@ def test_linear_elements_in_what_keeps_its_volume_are_trusted_less():
         2 * bound)
 
 
+def test_two_meshes_that_agree_on_a_slip_do_not_tell_its_error():
+    """The tutorial on two meshes of quadratic elements: 0.6 % apart, both 15 % off. Three tell."""
+    sizes = {"slip": Sizes(0.02, 0.08, 0.16)}
+    assert of({"slip": [1.0, 1.006]}, sizes=sizes)["slip"].error == pytest.approx(0.08 / SEES**2)
+    assert of({"slip": [1.0, 1.1]}, sizes=sizes)["slip"].error == pytest.approx(PAIR * 0.1)
+    assert of({"slip": [1.0, 1.006, 1.018]}, sizes=sizes)["slip"].error < 0.05
+
+
 def test_an_observed_order_has_the_loss_of_stiff_elements_in_it():
     for order in (0.3, 1.0, 1.8):
         plain, stiff = (of({"slip": power(order)}, stiff=s)["slip"].error for s in (1.0, 3.0))
