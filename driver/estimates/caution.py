@@ -15,10 +15,10 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
   than a part of the pressing force times the square of the error in energy, as both errors of a
   functional would be, since it may vanish by a symmetry of no mesh; none where meshes agree but for
   tolerances, as balance gives it;
-- where pressure grows from mesh to mesh at an end of contact: the order of integrals and of slip is
-  at most what such stresses leave (sharp_ends.py), however fast coarse meshes seem to converge, of
-  slip that is largest there half of it; that and the work of friction with the safety of what
-  nothing else holds. Meshes that show an order ABOUT as high may tell it or not: more is claimed;
+- where pressure grows from mesh to mesh at an end of contact: the order of integrals, of slip and of
+  the contact length is at most what such stresses leave (sharp_ends.py), however fast coarse meshes
+  seem to converge, of slip that is largest there half of it; that, the work of friction and the
+  length, if contact ends between nodes, with the safety of what nothing else holds. Meshes that show an order ABOUT as high may tell it or not: more is claimed;
 - where slip turned or contact was unloaded since: adjoint problems of the last state do not see the
   errors of earlier ones, so that they hold what slip is LEFT in from below alone;
 - for order three, where quadratic elements have straight sides on a round boundary, of contact or
@@ -143,7 +143,8 @@ class Caution:
         most, over = (self.order(touches, ratios, of)
                       for of in (sharp_ends.order, sharp_ends.order_of_history))
         changes = {name: [fine[name] - coarse[name] for fine, coarse in runs] for name in values}
-        orders = dict.fromkeys(HELD, most) | {
+        between = (LENGTH,) if self.touch.doubt > 0 else ()  # nodes, where contact ends
+        orders = dict.fromkeys((*HELD, *between), most) | {
             WORK: over, SLIP: sharp_ends.order_of_way(self.touch, over)}
         parts = {name: self._part(name, changes[name], ratios, value, name in singular,
                                   orders.get(name, np.inf)) for name, value in values.items()}
@@ -259,7 +260,7 @@ class Caution:
               most: float) -> Part:
         caution = CAUTION[name] if self.sizes or name not in HELD else SAFETY
         estimated = np.isfinite(most)
-        if estimated and (name == WORK or name == SLIP and self.touch.way_at_end):
+        if estimated and (name in (WORK, LENGTH) or name == SLIP and self.touch.way_at_end):
             caution = SAFETY  # nodes beside a sharp end differ by far less than it errs
         fast = (self.element != "P1" or self.adapted) and name in HELD and self.sizes
         formal = formal_order("mesh", self.element, name, self.chords, most)
