@@ -15,10 +15,11 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
   than a part of the pressing force times the square of the error in energy, as both errors of a
   functional would be, since it may vanish by a symmetry of no mesh; none where meshes agree but for
   tolerances, as balance gives it;
-- where pressure grows from mesh to mesh at an end of contact: the order of integrals, of slip and of
-  the contact length is at most what such stresses leave (sharp_ends.py), however fast coarse meshes
-  seem to converge, of slip that is largest there half of it; that, the work of friction and the
-  length, if contact ends between nodes, with the safety of what nothing else holds. Meshes that show an order ABOUT as high may tell it or not: more is claimed;
+- where pressure grows from mesh to mesh at an end of contact: the order of integrals, of slip and
+  of the contact length is at most what such stresses leave (sharp_ends.py), however fast coarse
+  meshes seem to converge, of slip that is largest there half of it; that, the work of friction and
+  the length, if contact ends between nodes, with the safety of what nothing else holds. Meshes that
+  show an order ABOUT as high may tell it or not: more is claimed;
 - where slip turned or contact was unloaded since: adjoint problems of the last state do not see the
   errors of earlier ones, so that they hold what slip is LEFT in from below alone;
 - for order three, where quadratic elements have straight sides on a round boundary, of contact or
