@@ -24,9 +24,10 @@ Solved by conjugate gradients with the operator, the rows and the preconditioner
 coupling of Coulomb's law by repetition: ten to twenty-five products each. What a change of the
 contact state adds is of higher order; errors of earlier steps are not in it.
 
-Smoothed stresses see SEES of an error in energy at least (else unresolved.py leaves the claim out),
-so that of an error of a quantity, in which two errors are multiplied, they see the square of it.
-What follows depends on whether meshes tell an order, without turning back:
+Smoothed stresses see SEES of an error in energy, less where its bound is larger than theirs by more
+than bounds are (where it is by far, unresolved.py leaves the claim out), so that of an error of a
+quantity, in which two errors are multiplied, they see the square of it. What follows depends on
+whether meshes tell an order, without turning back:
 
 told        they know how errors cancel, on contact states of their own: a claim is not below NET
             times net, nor above Cauchy's and Schwarz' bound, twice the product over SEES squared
@@ -39,7 +40,8 @@ not told    two meshes, differences that turn, hardly fall (caution.py), or fall
 
 Peaks err below one node, where smoothed stresses are of lower order than the pressure: they have a
 limit from above alone, PEAK times gross; slip adds up over steps, of which the adjoint problem
-knows the last: meshes speak, up to the bound. Where slip turned, or contact was unloaded since, all
+knows the last: meshes speak, up to the bound, but where there are two, which agree by chance, the
+claim is not below gross over SEES squared. Where slip turned, or contact was unloaded since, all
 that the last state has of it errs by what earlier ones did: no claim of slip, shear or displacement
 is limited from above.
 """
@@ -55,7 +57,8 @@ from .budget import Part
 from .torn_body import Gather
 
 NET = 1.5
-SEES = 2 / 3  # part of an error in energy that smoothed stresses see at least
+SEES = 2 / 3  # part of an error in energy that smoothed stresses see, unless its bound says less
+OVER = 1.3  # bounds of errors in energy over the errors, as they mostly are
 PEAK = 2.0  # of a peak's gross: its product is that of a concentrated load
 ALIKE = 2.0  # product over gross below which both errors lie in one place, under the peak
 BLIND = 0.02  # net and gross below this part of a claim see nothing of its error: data err
@@ -77,20 +80,22 @@ class Sizes:
 
 
 def held(name: str, part: Part, sizes: Sizes | None, slack: float = 1.0,
-         told: bool = True) -> Part:
+         told: bool = True, seen: float = 1.0) -> Part:
     """The mesh's `part` of a quantity's error, held within what `sizes` leave.
 
     From above with a `slack`: the error may have parts that they do not see. `told`: whether meshes
-    tell an order.
+    tell an order. `seen`: part of the bound of the error in energy that smoothed stresses see.
     """
     if sizes is None or part.error is None or sizes.gross <= BLIND * part.error:
         return part
-    unseen = 1 / SEES**2
+    unseen = 1 / min(SEES, OVER * seen)**2
     most = 2 * unseen * sizes.product
     least = NET * sizes.net
     if name == "peak_pressure":
         concentrated = sizes.product > ALIKE * sizes.gross
         least, most = 0.0, PEAK * sizes.gross if concentrated else np.inf
+    elif not told and name == "slip":
+        least = unseen * sizes.gross
     elif not told:
         least = (max(unseen * sizes.net, sizes.gross) if name == "displacement"
                  else unseen * sizes.gross)

@@ -15,10 +15,11 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
   than a part of the pressing force times the square of the error in energy, as both errors of a
   functional would be, since it may vanish by a symmetry of no mesh; none where meshes agree but for
   tolerances, as balance gives it;
-- where pressure grows from mesh to mesh at an end of contact: the order of integrals and of slip is
-  at most what such stresses leave (sharp_ends.py), however fast coarse meshes seem to converge, of
-  slip that is largest there half of it; that and the work of friction with the safety of what
-  nothing else holds. Meshes that show an order ABOUT as high may tell it or not: more is claimed;
+- where pressure grows from mesh to mesh at an end of contact: the order of integrals, of slip and
+  of the contact length is at most what such stresses leave (sharp_ends.py), however fast coarse
+  meshes seem to converge, of slip that is largest there half of it; that, the work of friction and
+  the length, if contact ends between nodes, with the safety of what nothing else holds. Meshes that
+  show an order ABOUT as high may tell it or not: more is claimed;
 - where slip turned or contact was unloaded since: adjoint problems of the last state do not see the
   errors of earlier ones, so that they hold what slip is LEFT in from below alone;
 - for order three, where quadratic elements have straight sides on a round boundary, of contact or
@@ -118,17 +119,20 @@ class Caution:
     sizes: dict = field(default_factory=dict)  # of adjoint problems, by quantity
     length: float = np.inf  # of the largest body
     tips: float = np.inf  # order that tips of cracks leave, see sharp_ends.py
+    seen: float = 1.0  # part of the bound of the error in energy that smoothed stresses see
 
     @classmethod
     def of(cls, problem, touch: Touch, sizes: dict, energy: float = 0.0,
-           adapted: bool = False, polygons: bool = False) -> "Caution":
-        """`energy`: relative error in the energy norm; `polygons` as of polygons.py. Collective."""
+           adapted: bool = False, polygons: bool = False, seen: float = 1.0) -> "Caution":
+        """`energy`: relative error in the energy norm; `polygons` as of polygons.py, `seen` of
+        unresolved.py. Collective.
+        """
         element = problem.manifest.element
         polygons |= touch.round > 0 and "curved" not in problem.effects
         chords = element != "P1" and polygons
         largest = float(problem.structure.travel.bodies.size.max(initial=0.0)) or np.inf
         return cls(element, adapted, chords, stiffness(problem), energy, touch, sizes, largest,
-                   sharp_ends.of_tips(problem, touch))
+                   sharp_ends.of_tips(problem, touch), seen)
 
     def parts(self, values: dict, runs: list, ratios: list[float], singular,
               touches: list[Touch] = (), lost: list[float] = ()) -> dict[str, Part]:
@@ -140,7 +144,8 @@ class Caution:
         most, over = (self.order(touches, ratios, of)
                       for of in (sharp_ends.order, sharp_ends.order_of_history))
         changes = {name: [fine[name] - coarse[name] for fine, coarse in runs] for name in values}
-        orders = dict.fromkeys(HELD, most) | {
+        between = (LENGTH,) if self.touch.doubt > 0 else ()  # nodes, where contact ends
+        orders = dict.fromkeys((*HELD, *between), most) | {
             WORK: over, SLIP: sharp_ends.order_of_way(self.touch, over)}
         parts = {name: self._part(name, changes[name], ratios, value, name in singular,
                                   orders.get(name, np.inf)) for name, value in values.items()}
@@ -256,7 +261,7 @@ class Caution:
               most: float) -> Part:
         caution = CAUTION[name] if self.sizes or name not in HELD else SAFETY
         estimated = np.isfinite(most)
-        if estimated and (name == WORK or name == SLIP and self.touch.way_at_end):
+        if estimated and (name in (WORK, LENGTH) or name == SLIP and self.touch.way_at_end):
             caution = SAFETY  # nodes beside a sharp end differ by far less than it errs
         fast = (self.element != "P1" or self.adapted) and name in HELD and self.sizes
         formal = formal_order("mesh", self.element, name, self.chords, most)
@@ -275,8 +280,8 @@ class Caution:
         part = self._doubted(part, told)
         unseen = self.chords or self.touch.earlier and name in LEFT
         slack = np.inf if unseen else self.stiff  # for what smoothed stresses do not see
-        told |= name not in HELD
-        part = held(name, part, self.sizes.get(name), slack, told)
+        told |= name not in HELD and (name != SLIP or len(changes) > 1)
+        part = held(name, part, self.sizes.get(name), slack, told, self.seen)
         if part.error is not None and not told and _grow(changes, ratios):
             part = located(part, BETWEEN * float(np.sqrt(part.error * abs(changes[0]))))
         return part

@@ -49,7 +49,8 @@ class Companions:
         self.singular, touch = record.singular_places(), record.touch(self.at)
         error, element = unresolved.energy_error(energy), problem.manifest.element
         self.caution = caution.Caution.of(problem, touch, sizes, error, bool(levels.cycles),
-                                  stand_for_curves(problem))
+                                  stand_for_curves(problem),
+                                  unresolved.seen(energy, smoothed, self.at + 1))
         self.unresolved = unresolved.parts(self.values, error, touch, element, bool(sizes),
                                            unresolved.blind(energy, smoothed, self.at + 1))
         self.begins = lambda name, names: None  # takes the stage that begins, and all of them

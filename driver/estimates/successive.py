@@ -11,11 +11,12 @@ from .torn_body import Gather, gather_body
 
 
 def mesh_parts(problems: list, levels: list[Level], ratios: list[float], name: str,
-               estimator: str) -> dict[str, Part]:
+               estimator: str, others: bool = False) -> dict[str, Part]:
     """Part by quantity of the first of `levels`, runs of the `problems`; collective.
 
     The other ones are of ever coarser meshes, whose elements are `ratios` times as long as those
-    before. An adjoint problem holds the quantity `name` alone; `estimator`: of the error in energy.
+    before. An adjoint problem holds the quantity `name` alone, which a search goes by, or with
+    `others` each that has one; `estimator`: of the error in energy.
     """
     problem, finest = problems[0], levels[0]
     values = [level.values for level in levels]
@@ -23,12 +24,13 @@ def mesh_parts(problems: list, levels: list[Level], ratios: list[float], name: s
     alike = len(good) + 1
     touches = [level.touch for level in levels[:alike]]
     lost = [soundness.lost(of) for of in problems[:alike]]
-    adjoints, said = adjoint.assess(problem, finest.record, finest.steps[finest.at],
-                                    {name: finest.values[name]},
+    held = finest.values if others else {name: finest.values[name]}
+    adjoints, said = adjoint.assess(problem, finest.record, finest.steps[finest.at], held,
                                     lambda: gather_body(Gather(problem.operator)))
     energy = of_level(problem, finest, estimator)
     error = unresolved.energy_error(energy)
-    caution = Caution.of(problem, touches[0], adjoints, error, polygons=stand_for_curves(problem))
+    caution = Caution.of(problem, touches[0], adjoints, error, polygons=stand_for_curves(problem),
+                         seen=unresolved.seen(energy, said.get("smoothed"), finest.at + 1))
     found = caution.parts(values[0], good, ratios, finest.singular, touches, lost)
     if good:
         peaks = [Peaks.of_level(level) for level in levels[:alike]]

@@ -34,11 +34,18 @@ def blind(energy: dict | None, smoothed: float | None, step: int) -> bool:
     its error by them; it may be that of no other mesh than one of a few elements, whose stresses
     are smooth whatever they miss.
     """
+    return seen(energy, smoothed, step) < BLIND
+
+
+def seen(energy: dict | None, smoothed: float | None, step: int) -> float:
+    """Part of the bound of the error in energy that smoothed stresses see, as `blind` takes them;
+    all of it where there is none.
+    """
     if not energy or energy.get("kind") != "equilibrated" or smoothed is None:
-        return False
+        return 1.0
     bounds = [entry["mesh"] for entry in (energy, energy.get("largest", {}))
-              if entry.get("step") == step and "mesh" in entry]
-    return any(smoothed < BLIND * bound for bound in bounds)
+              if entry.get("step") == step and entry.get("mesh")]
+    return min((smoothed / bound for bound in bounds), default=1.0)
 
 
 def parts(values: dict, error: float, touch: Touch, element: str, adjoint: bool,

@@ -85,13 +85,16 @@ class Search(Trials):
     # ---- meshes ----------------------------------------------------------------------------------
     def _assess(self) -> dict:
         """Budget of the quantity on the finest mesh."""
+        self.parts["mesh"] = mesh_parts(*self.compared())
+        return self.budget()[self.name]
+
+    def compared(self) -> tuple:
+        """What mesh_parts compares: the finest meshes, for the quantity."""
         sizes = self.sizes[:-4:-1]
         levels = [self.level(size) for size in sizes]
         ratios = [ratio(self.knob, b, a) for a, b in zip(sizes, sizes[1:])]
         problems = [self.levels.problem(**self.mesh(size)) for size in sizes]
-        self.parts["mesh"] = mesh_parts(problems, levels, ratios, self.name,
-                                        self.settings.estimator)
-        return self.budget()[self.name]
+        return problems, levels, ratios, self.name, self.settings.estimator
 
     def _skip_unsolved(self) -> None:
         """Refine the first mesh until the scene can be solved on it, up to its own mesh.

@@ -8,6 +8,7 @@ from pathlib import Path
 from ..errors import DriverError, NoSolution, error_of
 from ..estimates import between_steps
 from ..estimates.budget_words import share
+from ..estimates.successive import mesh_parts
 from ..results.summary import largest_memory
 from . import goal, trials
 from .request import Request
@@ -68,6 +69,14 @@ class Tried:
             return None
 
 
+def _claim_others(search: goal.Search) -> None:
+    """The mesh's parts of quantities that were not asked for, as of an ordinary run: with all
+    adjoint problems. Collective.
+    """
+    asked = {search.name: search.parts["mesh"][search.name]}
+    search.parts["mesh"] = mesh_parts(*search.compared(), others=True) | asked
+
+
 def _prices(search: goal.Search, problem, output: float, idle: float) -> dict:
     """Entry `prices` of the errors; `output`: seconds that the results took; collective."""
     from ..estimates.alternatives import price_list
@@ -102,6 +111,7 @@ def _write(directory: Path, request: Request, search: goal.Search, status: int, 
         *between_steps.half_turns(problem.structure.contact.motion_of_all_times),
         *(between_steps.warnings(problem.manifest, search.motion) if search.effects.frictional
           else [])]
+    _claim_others(search)
     budget, chosen = search.budget(), search.chosen()
     entry = budget[search.name]
     settings = " ".join(f"{name}={value}" for name, value in chosen.items())

@@ -22,7 +22,8 @@ from ..effects import Effects
 from ..effects.quasistatic import proportional
 from ..errors import DriverError, NotConverged
 from ..estimates.between_steps import misses
-from ..estimates.budget import Part, extrapolate, formal_order, ratio, summed
+from ..estimates.budget import (OF_TIME, Part, extrapolate, formal_order, located, ratio,
+                                summed)
 from ..estimates.budget_words import SOURCES, share
 from ..estimates.companions import LEFT
 from .tolerances import TIGHTER, left, much_tighter, scaled, tightened
@@ -230,9 +231,12 @@ class Trials:
 
     def budget(self) -> dict:
         """Budget of every quantity on the finest mesh."""
-        values = self.values(self.sizes[-1])
-        order = [source for source in SOURCES if source in self.parts]
-        return {q: summed({source: self.parts[source][q] for source in order}, value)
+        values, parts = self.values(self.sizes[-1]), dict(self.parts)
+        if "time" in parts and "slip" in values and self.stride < self.total:
+            open_way = OF_TIME * self.level(self.sizes[-1]).record.arrivals()
+            parts["time"] = parts["time"] | {"slip": located(parts["time"]["slip"], open_way)}
+        order = [source for source in SOURCES if source in parts]
+        return {q: summed({source: parts[source][q] for source in order}, value)
                 for q, value in values.items()}
 
 

@@ -263,6 +263,9 @@ def test_smoothed_stresses_that_miss_most_of_the_error_leave_no_claims(energy, s
     of the step of these problems alone, which a history may have left behind.
     """
     assert unresolved.blind(energy, smoothed, 7) == blind
+    known = (energy or {}).get("step") == 7 and energy.get("kind") == "equilibrated"
+    part = smoothed if known and "mesh" in energy and smoothed else 0.24 if blind else 1.0
+    assert unresolved.seen(energy, smoothed, 7) == part
     values = {"displacement": 1.0, "normal_resultant": 3.0, "slip": 0.1}
     found = unresolved.parts(values, 0.3, touching(), "P1", True, blind)
     assert set(found) == ({"normal_resultant", "slip"} if blind else set())

@@ -8,8 +8,9 @@ import pytest
 
 from driver.contact.states import OPEN, STICK
 from driver.estimates import successive, unresolved
-from driver.estimates.budget import Part
+from driver.estimates.budget import OF_TIME, Part
 from driver.results.touch import Touch
+from driver.runs import search, trials
 
 VALUES = {"normal_resultant": 100.0, "tangential_resultant": 5.0, "displacement": 1.0, "slip": 0.1}
 
@@ -150,25 +151,28 @@ def searched(monkeypatch):
     """searched(error, energy): parts of a search on two meshes, of which coarser ones tell an
     `error` of every quantity, and the arguments that they got.
     """
-    def parts(error: float, energy: dict) -> tuple[dict, list]:
+    def parts(error: float, energy: dict, **more) -> tuple[dict, list]:
         touch = touch_of([3, 4, 5, 5, 4, 3, 2, 0, 0])
         level = SimpleNamespace(touch=touch, values=VALUES, record=None, steps=3 * [None], at=1,
                                 declared=3, singular=())
         manifest = SimpleNamespace(element="P1")
         problems = [SimpleNamespace(manifest=manifest, operator=None, lost=part)
                     for part in (0.02, 0.05)]
-        given = []
+        given, said = [], {}
         caution = SimpleNamespace(
             parts=lambda *of: given.append(of) or dict.fromkeys(VALUES, Part(error)),
             beside=lambda part, *of: given.append(of) or part)
         for owner, name, answer in (
-                (successive.adjoint, "assess", ({"normal_resultant": 1.0}, {"smoothed": 0.01})),
                 (successive, "of_level", energy), (successive.Peaks, "of_level", None),
-                (successive.Caution, "of", caution), (successive, "stand_for_curves", False)):
+                (successive, "stand_for_curves", False)):
             monkeypatch.setattr(owner, name, lambda *_, answer=answer, **__: answer)
+        monkeypatch.setattr(successive.adjoint, "assess", lambda *of: said.update(
+            adjoint=of[3]) or ({"normal_resultant": 1.0}, {"smoothed": 0.01}))
+        monkeypatch.setattr(successive.Caution, "of",
+                            lambda *_, **more: said.update(more) or caution)
         monkeypatch.setattr(successive.soundness, "lost", lambda problem: problem.lost)
         return successive.mesh_parts(problems, [level, level], [2.0], "normal_resultant",
-                                     "bound"), given
+                                     "bound", **more), [*given, said]
 
     return parts
 
@@ -178,8 +182,9 @@ def test_the_bound_says_nothing_of_an_earlier_step(searched, step, known):
     """That smoothed stresses miss most of it is seen at the step that the bound of the error in
     energy is of: the values are of the second one, after which contact is lost.
     """
-    found, _ = searched(0.01, {"kind": "equilibrated", "step": step, "mesh": 1.0})
+    found, given = searched(0.01, {"kind": "equilibrated", "step": step, "mesh": 1.0})
     assert (found["slip"].error is not None) == known
+    assert given[-1]["seen"] == (1.0 if known else 0.01)
 
 
 def test_a_search_claims_no_more_than_a_run_would(searched):
@@ -192,6 +197,32 @@ def test_a_search_claims_no_more_than_a_run_would(searched):
     value, peaks, touches, ratios = given[1]
     assert value == VALUES["displacement"] and len(peaks) == 1 and len(touches) == 2
     assert ratios == [2.0]
+
+
+def test_what_a_search_was_not_asked_for_has_its_adjoint_problems(searched, monkeypatch):
+    """Steered by one quantity, it claims the others by theirs; the one that was met stays."""
+    assert searched(0.01, {})[1][-1]["adjoint"] == {"normal_resultant": VALUES["normal_resultant"]}
+    assert searched(0.01, {}, others=True)[1][-1]["adjoint"] == VALUES
+    of = SimpleNamespace(name="slip", parts={"mesh": {"slip": Part(0.1), "displacement": None}},
+                         compared=lambda: ([], [], [], "slip", "bound"))
+    monkeypatch.setattr(search, "mesh_parts", lambda *given, others: dict.fromkeys(
+        ("slip", "displacement"), Part(0.2 if others and given == of.compared() else None)))
+    search._claim_others(of)  # pylint: disable=protected-access
+    assert of.parts == {"mesh": {"slip": Part(0.1), "displacement": Part(0.2)}}
+
+
+@pytest.mark.parametrize("stride, error", [(2, OF_TIME * 0.3), (8, 0.0)])
+def test_a_search_claims_what_steps_leave_open_of_a_slip(stride, error):
+    """Nodes that touch within a step have slid in a part of it; in one step that all grows with in
+    proportion, nothing is open.
+    """
+    of = object.__new__(trials.Trials)
+    of.sizes, of.stride, of.total = [1.0], stride, 8
+    of.parts = {"time": dict.fromkeys(VALUES, Part(0.0))}
+    of.level = lambda size, *_: SimpleNamespace(values=VALUES, record=SimpleNamespace(
+        arrivals=lambda: 0.3))
+    found = of.budget()
+    assert found["slip"]["time"] == pytest.approx(error) and found["displacement"]["time"] == 0.0
 
 
 def test_what_may_be_nothing_but_its_own_error_has_no_claim():
