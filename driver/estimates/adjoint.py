@@ -58,6 +58,7 @@ from .torn_body import Gather
 
 NET = 1.5
 SEES = 2 / 3  # part of an error in energy that smoothed stresses see, unless its bound says less
+FAINT = 0.1  # part of the bound below which nothing is claimed by them, see unresolved.py
 OVER = 1.3  # bounds of errors in energy over the errors, as they mostly are
 PEAK = 2.0  # of a peak's gross: its product is that of a concentrated load
 ALIKE = 2.0  # product over gross below which both errors lie in one place, under the peak
@@ -88,7 +89,7 @@ def held(name: str, part: Part, sizes: Sizes | None, slack: float = 1.0,
     """
     if sizes is None or part.error is None or sizes.gross <= BLIND * part.error:
         return part
-    unseen = 1 / min(SEES, OVER * seen)**2
+    unseen = 1 / min(SEES, OVER * max(seen, FAINT))**2
     most = 2 * unseen * sizes.product
     least = NET * sizes.net
     if name == "peak_pressure":

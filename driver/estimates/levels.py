@@ -49,6 +49,7 @@ class Level:
     steps: list  # its `Step`s
     seconds: float  # of these
     declared: int  # steps of the history, with one cycle where it is repeated
+    energy: dict | None = None  # error in energy at the step of the values, once it is estimated
 
     @property
     def touch(self) -> Touch:

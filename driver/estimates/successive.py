@@ -27,7 +27,9 @@ def mesh_parts(problems: list, levels: list[Level], ratios: list[float], name: s
     held = finest.values if others else {name: finest.values[name]}
     adjoints, said = adjoint.assess(problem, finest.record, finest.steps[finest.at], held,
                                     lambda: gather_body(Gather(problem.operator)))
-    energy = of_level(problem, finest, estimator)
+    if finest.energy is None:
+        finest.energy = of_level(problem, finest, estimator)
+    energy = finest.energy
     error = unresolved.energy_error(energy)
     caution = Caution.of(problem, touches[0], adjoints, error, polygons=stand_for_curves(problem),
                          seen=unresolved.seen(energy, said.get("smoothed"), finest.at + 1))

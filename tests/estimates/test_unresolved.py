@@ -154,7 +154,7 @@ def searched(monkeypatch):
     def parts(error: float, energy: dict, **more) -> tuple[dict, list]:
         touch = touch_of([3, 4, 5, 5, 4, 3, 2, 0, 0])
         level = SimpleNamespace(touch=touch, values=VALUES, record=None, steps=3 * [None], at=1,
-                                declared=3, singular=())
+                                declared=3, singular=(), energy=None)
         manifest = SimpleNamespace(element="P1")
         problems = [SimpleNamespace(manifest=manifest, operator=None, lost=part)
                     for part in (0.02, 0.05)]
@@ -171,8 +171,10 @@ def searched(monkeypatch):
         monkeypatch.setattr(successive.Caution, "of",
                             lambda *_, **more: said.update(more) or caution)
         monkeypatch.setattr(successive.soundness, "lost", lambda problem: problem.lost)
-        return successive.mesh_parts(problems, [level, level], [2.0], "normal_resultant",
-                                     "bound", **more), [*given, said]
+        found = successive.mesh_parts(problems, [level, level], [2.0], "normal_resultant",
+                                      "bound", **more)
+        assert level.energy is energy  # for the next time that it is asked for
+        return found, [*given, said]
 
     return parts
 
