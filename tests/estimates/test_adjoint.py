@@ -158,7 +158,7 @@ def test_what_smoothed_stresses_see_is_what_the_bound_says_where_that_is_less(se
     without cancellation were 0.6 % for 0.9 %. Where they see nothing it is claimed no more.
     """
     for name, told, expected in (("normal_resultant", False, 2.0), ("slip", True, 2 * 3.0)):
-        part = held(name, Part(99.0), Sizes(0.1, 2.0, 3.0), 1.0, told, seen)
+        part = held(name, Part(999.0), Sizes(0.1, 2.0, 3.0), 1.0, told, seen)
         assert part.error == pytest.approx(expected * factor)
 
 
