@@ -58,7 +58,7 @@ from .torn_body import Gather
 
 NET = 1.5
 SEES = 2 / 3  # part of an error in energy that smoothed stresses see, unless its bound says less
-FAINT = 0.1  # part of the bound below which nothing is claimed by them, see unresolved.py
+FAINT = 0.1  # least part of the bound that counts as seen: below unresolved.BLIND little is claimed
 OVER = 1.3  # bounds of errors in energy over the errors, as they mostly are
 PEAK = 2.0  # of a peak's gross: its product is that of a concentrated load
 ALIKE = 2.0  # product over gross below which both errors lie in one place, under the peak

@@ -179,7 +179,7 @@ def _name_materials(axes, run: Run, mesh: Mesh, moved: np.ndarray) -> None:
     """The names of the bodies' materials, where they are given: each in the middle of its body, or
     beside it where another name is there. The figure has its final size.
     """
-    rim, taken = moved[mesh.rim()[0]].mean(axis=1), []
+    rim, taken = moved[mesh.rim()[0][outer(mesh, run.boundary)]].mean(axis=1), []
     for row in run.summary.get("materials", []):
         own = moved[mesh.triangles[mesh.body == row["body"] - 1]]
         if not len(own):

@@ -11,7 +11,7 @@ from ..vectors import turned_left
 from .labels import label_numbers, within
 from .layout import map_axes, run_header, shrink_to_body
 from .obstacle import draw_obstacles, hatch, where_it_goes
-from .outline import outward_edges, place_inside, sample
+from .outline import outer, outward_edges, place_inside, sample
 from .reading import Run
 from .scales import Scale, length_scale, stress_scale
 from .style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RED, SKY, literal
@@ -257,7 +257,7 @@ def _weight(axes, run: Run, xy: np.ndarray, size: float) -> list:
     if not len(pulled):
         return []
     arrows = 0.1 * size * force[pulled] / length[pulled, None]
-    rim = xy[run.first.rim()[0]].mean(axis=1)
+    rim = xy[run.first.rim()[0][outer(run.first, run.boundary)]].mean(axis=1)
     middles = np.array([place_inside(xy[run.first.triangles[run.first.body == bodies[k]]], rim)
                         for k in pulled])
     _quiver(axes, middles - arrows / 2, arrows, GREY)

@@ -11,15 +11,15 @@ def at_points(problem: Problem) -> list[dict]:
     manifest = problem.manifest
     if not {"point_load", "springs"} & set(manifest.rooms):
         return []
-    founded = manifest.rooms.get("springs", {}).get("labels", [])
+    springs = manifest.rooms.get("springs", {})
     own = []
     for sub in problem.structure.subdomains:
         for k, pattern in enumerate(manifest.patterns):
             if pattern["kind"] == "point_load":
                 own += _entries("point_load", pattern["amplitude"], sub,
                                 sub.loads[k].reshape(-1, 2))
-        if sub.springs is not None:
-            own += _entries("springs", 0, sub, _apart(sub, founded))
+        if sub.springs is not None and springs["at_points"]:
+            own += _entries("springs", 0, sub, _apart(sub, springs.get("labels", [])))
     return sum(problem.operator.comm.allgather(own), [])
 
 

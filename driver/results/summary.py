@@ -123,8 +123,9 @@ class Summary:
         "history that is repeated with its cycle once")
     loads: list = entry("resultant of every load at amplitude 1: effect, number of the amplitude, "
                         "force, that on each of the bodies", "stress length")
-    points: list = entry("loads and springs at points: effect, number of the amplitude, place, "
-                         "force at amplitude 1 or stiffness in x and y")
+    points: list = entry("loads and springs at points, but for springs where a foundation is: "
+                         "effect, number of the amplitude, place, force at amplitude 1 or "
+                         "stiffness in x and y")
     parameters: dict = entry("parameters of the scene and options of the solver")
     versions: dict = entry("of the suite, Python, numpy and PETSc")
     seconds: dict = entry("wall time of the stages", "s", parts={

@@ -85,7 +85,7 @@ def _prices(search: goal.Search, problem, output: float, idle: float) -> dict:
     key = tuple(sorted(search.mesh(search.sizes[-1]).items()))
     seconds = {"export": 0.0, "setup": 0.0, **search.levels.spent.get(key, {}), "output": output,
                "solve": search.level(search.sizes[-1]).seconds}
-    return price_list(Tried(search, problem), search.parts, search.budget(), search.name,
+    return price_list(Tried(search, problem), search.claimed, search.budget(), search.name,
                       Measured.of(seconds, problem.manifest), idle)
 
 
@@ -96,6 +96,7 @@ def _write(directory: Path, request: Request, search: goal.Search, status: int, 
     from ..results import summary
     from ..results.writer import Writer
 
+    _claim_others(search)  # no part of what results take
     begun, size, levels = time.perf_counter(), search.mesh(search.sizes[-1]), search.levels
     comm, level = levels.comm, search.level(search.sizes[-1])
     problem = _as_asked(search, levels.problem(**size))
@@ -111,7 +112,6 @@ def _write(directory: Path, request: Request, search: goal.Search, status: int, 
         *between_steps.half_turns(problem.structure.contact.motion_of_all_times),
         *(between_steps.warnings(problem.manifest, search.motion) if search.effects.frictional
           else [])]
-    _claim_others(search)
     budget, chosen = search.budget(), search.chosen()
     entry = budget[search.name]
     settings = " ".join(f"{name}={value}" for name, value in chosen.items())

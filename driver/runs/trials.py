@@ -160,7 +160,8 @@ class Trials:
     def more_steps(self, size) -> None:
         """More steps, as the mesh of a size tells; raises NotConverged if there are no more."""
         if self.stride == 1:
-            error, value = self.parts["time"][self.name].error, abs(self.values(size)[self.name])
+            entry = self.budget()[self.name]
+            error, value = entry["time"], abs(entry["value"])
             raise NotConverged(
                 f"even {self.total} steps leave the {self.words} an error of "
                 f"{share(error, value)}: too much of {100 * self.asked:g} %, of which the mesh "
@@ -229,12 +230,18 @@ class Trials:
                 return self.settings != before
             self.settings = dataclasses.replace(self.settings, **changes)
 
+    @property
+    def claimed(self) -> dict:
+        """The parts of the finest mesh's errors, with what its steps leave open of slip."""
+        parts = dict(self.parts)
+        if "slip" in parts.get("time", ()) and self.stride < self.total:
+            left_open = OF_TIME * self.level(self.sizes[-1]).record.arrivals()
+            parts["time"] = parts["time"] | {"slip": located(parts["time"]["slip"], left_open)}
+        return parts
+
     def budget(self) -> dict:
         """Budget of every quantity on the finest mesh."""
-        values, parts = self.values(self.sizes[-1]), dict(self.parts)
-        if "time" in parts and "slip" in values and self.stride < self.total:
-            open_way = OF_TIME * self.level(self.sizes[-1]).record.arrivals()
-            parts["time"] = parts["time"] | {"slip": located(parts["time"]["slip"], open_way)}
+        values, parts = self.values(self.sizes[-1]), self.claimed
         order = [source for source in SOURCES if source in parts]
         return {q: summed({source: parts[source][q] for source in order}, value)
                 for q, value in values.items()}

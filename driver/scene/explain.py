@@ -49,8 +49,8 @@ MEANINGS = (
                                  "(H) far too small, or is CELLS or SUBDOMAINS far too large?"))
 
 KILLED = {6: "not enough memory?", 9: "was there enough memory?", 25: "a file beyond 'ulimit -f'",
-          11: "a mesh that is far too fine (H, CELLS, SUBDOMAINS) or has vertices that no triangle "
-              "uses (from gmsh: curves of a surface without a Physical Surface), or no numbers"}
+          11: "a mesh that is far too fine (H, CELLS, SUBDOMAINS), vertices that no triangle uses "
+              "(from gmsh: curves of a surface without a Physical Surface), or a NaN for a value"}
 OUTSIDE = (2, 9, 15, 25)  # signals that no statement of a scene is the cause of
 
 

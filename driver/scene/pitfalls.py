@@ -19,7 +19,8 @@ STREAM = re.compile("<<|>>")
 # what has one value, or one list, whatever the place, at which x and y would be left from before
 PLACELESS = re.compile(r"amplitude\d|(slip|displacement)Factor|stepTimes|cycles|cycleStart|"
                        r"point(Load\d|Spring)|probePoints")
-PLACE = re.compile(r"(?<![.\w])(?:x|y|label|region)\b(?!\()")
+PLACE = re.compile(r"(?<![.\w])(?:(?:x|y|label|region)\b(?!\()|[NP]\.[xy]\b)")
+INTEGRAL = re.compile(r"(?<![.\w])int(?:1d|2d|alledges)(?=\s*\()")  # the same everywhere
 NUMBER = re.compile(r"[-+]?[\d.]+")
 # a value by itself, which no factor makes whole
 INTEGER = re.compile(r'\bint\s+(?:[^;()]*,\s*)?(\w+)\s*=\s*physical\s*\(\s*"([^"]*)"\s*,([^()]*)\)'
@@ -37,8 +38,13 @@ def check(scene: Path, parameters: dict[str, str]) -> None:
     _check_capitals(files, parameters)
     macros = [macro for source in files for macro in grammar.definitions(source)]
     named = declaring(macros, rooms.vocabulary())
-    for macro in macros:
-        if macro.name in named and (reason := _mistake(macro.content) or _misplaced(macro)):
+    bare = [macro._replace(content=_without_integrals(code_of(macro.content))) for macro in macros]
+    placeless = declaring(bare, frozenset(filter(PLACELESS.fullmatch, rooms.vocabulary())))
+    for macro, own in zip(macros, bare):
+        reason = _mistake(macro.content) if macro.name in named else ""
+        if macro.name in placeless:
+            reason = reason or _misplaced(own)
+        if reason:
             raise InputError(f"{macro.path.name} line {macro.line}: {macro.name} {reason}")
 
 
@@ -107,11 +113,23 @@ def _mistake(content: str) -> str:
 def _misplaced(macro: grammar.Definition) -> str:
     """What a macro that is the same everywhere asks of the place, arguments of its own apart."""
     own = re.findall(r"\w+", macro.arguments or "")
-    asked = [word for word in PLACE.findall(code_of(macro.content)) if word not in own]
-    if not asked or not PLACELESS.fullmatch(macro.name):
+    asked = [word for word in PLACE.findall(macro.content) if word not in own]
+    if not asked:
         return ""
     return (f"asks for {asked[0]}, but is the same at every place: what varies with it belongs "
             "into the load or the coefficient itself")
+
+
+def _without_integrals(code: str) -> str:
+    """Code without integrals: the parentheses of where and of what."""
+    while found := INTEGRAL.search(code):
+        depth, groups, end = 0, 0, found.end()
+        while end < len(code) and (depth or groups < 2):
+            depth += (code[end] == "(") - (code[end] == ")")
+            groups += code[end] == ")" and not depth
+            end += 1
+        code = code[: found.start()] + "1" + code[end:]
+    return code
 
 
 def _chained(side: str) -> bool:

@@ -1,14 +1,17 @@
 """Meshes that make another problem of a scene, and areas of contact that they do not resolve."""
 
 import dataclasses
+import re
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from driver.contact.states import OPEN, STICK
+from driver.errors import NotConverged
 from driver.estimates import successive, unresolved
 from driver.estimates.budget import OF_TIME, Part
+from driver.estimates.budget_words import share
 from driver.results.touch import Touch
 from driver.runs import search, trials
 
@@ -225,6 +228,19 @@ def test_a_search_claims_what_steps_leave_open_of_a_slip(stride, error):
         arrivals=lambda: 0.3))
     found = of.budget()
     assert found["slip"]["time"] == pytest.approx(error) and found["displacement"]["time"] == 0.0
+    assert of.claimed["time"]["slip"].error == pytest.approx(error)  # of prices as well
+
+
+def test_a_search_says_of_too_few_steps_what_it_claims():
+    of = object.__new__(trials.Trials)
+    of.sizes, of.stride, of.total, of.name, of.asked = [1.0], 1, 8, "slip", 0.01
+    of.parts = {"time": dict.fromkeys(VALUES, Part(0.0))}
+    of.level = lambda size, *_: SimpleNamespace(values=VALUES, record=SimpleNamespace(
+        arrivals=lambda: 0.3))
+    claimed = of.budget()["slip"]["time"]
+    with pytest.raises(NotConverged, match=re.escape(
+            f"leave the slip an error of {share(claimed, VALUES['slip'])}:")):
+        of.more_steps(1.0)
 
 
 def test_what_may_be_nothing_but_its_own_error_has_no_claim():

@@ -521,7 +521,8 @@ def test_mistakes_that_freefem_takes_for_something_else(said, formula, helper, w
 @pytest.mark.parametrize("macro, word", [
     ("amplitude1(t) (t*x)", "x"), ("amplitude2(t) (label == 3 ? t : 1.)", "label"),
     ("slipFactor(s) (1. - s*y)", "y"), ("displacementFactor(s) (region == 1 ? 1. : s)", "region"),
-    ("stepTimes() [0.5*x]", "x"), ("pointLoad1() [2., 1., x, 0.]", "x")])
+    ("stepTimes() [0.5*x]", "x"), ("pointLoad1() [2., 1., x, 0.]", "x"),
+    ("amplitude1(t) (t*N.y)", "N.y"), ("amplitude1(t) (x*int1d(body, 3)(t))", "x")])
 def test_what_is_the_same_at_every_place_asks_for_none(said, macro, word):
     """FreeFEM has the x of any place that it has come to before."""
     name = macro.partition("(")[0]
@@ -529,8 +530,16 @@ def test_what_is_the_same_at_every_place_asks_for_none(said, macro, word):
         ("macro friction() F //", f"macro friction() F //\nmacro {macro} //"))
 
 
-@pytest.mark.parametrize("macro", ["amplitude1(x) (x*x)", "amplitude1(t) (t*table.x + N.y)",
-                                   "amplitude1(t) x(t)", "obstacleX(t) (label == 3 ? t : 0.)"])
+def test_what_histories_call_asks_for_no_place_either(said):
+    assert "mine.edp line" in (words := said(
+        ("macro friction() F //", "macro friction() F //\nmacro ramp(t) (x > 0 ? t : 1.) //\n"
+         "macro amplitude1(t) ramp(t) //"))) and "ramp asks for x" in words
+
+
+@pytest.mark.parametrize("macro", ["amplitude1(x) (x*x)", "amplitude1(t) (t*table.x)",
+                                   "amplitude1(t) x(t)", "obstacleX(t) (label == 3 ? t : 0.)",
+                                   "amplitude1(t) (t/int1d(body, 3) ((x + 1.)*y)/2.)",
+                                   "amplitude1(t) (t*int2d(body)(2*pi*x))"])
 def test_names_like_those_of_places_are_not_refused(tmp_path, macro):
     path = tmp_path / "mine.edp"
     path.write_text(SCENE.replace("macro friction() F //",
