@@ -15,8 +15,8 @@ def mesh_parts(problems: list, levels: list[Level], ratios: list[float], name: s
     """Part by quantity of the first of `levels`, runs of the `problems`; collective.
 
     The other ones are of ever coarser meshes, whose elements are `ratios` times as long as those
-    before. An adjoint problem holds the quantity `name` alone, which a search goes by, or with
-    `others` each that has one; `estimator`: of the error in energy.
+    before. An adjoint problem holds the quantity `name` alone, which a search goes by, or, for
+    `others`, each of these that has one; `estimator`: of the error in energy.
     """
     problem, finest = problems[0], levels[0]
     values = [level.values for level in levels]
@@ -24,7 +24,7 @@ def mesh_parts(problems: list, levels: list[Level], ratios: list[float], name: s
     alike = len(good) + 1
     touches = [level.touch for level in levels[:alike]]
     lost = [soundness.lost(of) for of in problems[:alike]]
-    held = finest.values if others else {name: finest.values[name]}
+    held = {q: value for q, value in finest.values.items() if (q == name) != others}
     adjoints, said = adjoint.assess(problem, finest.record, finest.steps[finest.at], held,
                                     lambda: gather_body(Gather(problem.operator)))
     if finest.energy is None:

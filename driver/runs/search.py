@@ -70,7 +70,7 @@ class Tried:
 
 
 def _claim_others(search: goal.Search) -> None:
-    """The mesh's parts of quantities that were not asked for, as of an ordinary run: with all
+    """The mesh's parts of quantities that were not asked for, as of an ordinary run: with their
     adjoint problems. Collective.
     """
     asked = {search.name: search.parts["mesh"][search.name]}
