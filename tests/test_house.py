@@ -143,6 +143,12 @@ def undocumented(root: Path) -> list[str]:
     return found
 
 
+def twins(tests: Path) -> list[str]:
+    """Names that several files of tests have: pytest imports one of them alone."""
+    names = [path.name for path in tests.rglob("*.py")]
+    return sorted({name for name in names if names.count(name) > 1})
+
+
 # ------------------------------------------------------------------- they hold in this tree
 
 def test_packages_are_those_of_the_order():
@@ -169,6 +175,10 @@ def test_names_of_modules_in_strings_are_names_of_modules():
 
 def test_long_modules_say_why():
     assert not long_modules(environment.ROOT)
+
+
+def test_files_of_tests_have_names_of_their_own():
+    assert not twins(environment.ROOT / "tests")
 
 
 def test_lines_are_not_too_wide():
@@ -239,6 +249,13 @@ def tree(folder: Path, **texts: str) -> Path:
 ], ids=lambda value: getattr(value, "__name__", ""))
 def test_broken_rules_are_noticed(tmp_path, rule, texts):
     assert rule(tree(tmp_path, **texts))
+
+
+def test_files_of_one_name_are_noticed(tmp_path):
+    for name in ("a/test_one.py", "b/test_one.py", "b/test_two.py"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    assert twins(tmp_path) == ["test_one.py"]
 
 
 @pytest.mark.parametrize("rule, texts", [
