@@ -95,12 +95,11 @@ def held(name: str, part: Part, sizes: Sizes | None, slack: float = 1.0,
     if name == "peak_pressure":
         concentrated = sizes.product > ALIKE * sizes.gross
         least, most = 0.0, PEAK * sizes.gross if concentrated else np.inf
-    elif not told and name == "slip":
-        least = unseen * sizes.gross
     elif not told:
         least = (max(unseen * sizes.net, sizes.gross) if name == "displacement"
                  else unseen * sizes.gross)
-        most = least / slack if np.isfinite(slack) else np.inf  # no more, but for a polygon's error
+        if name != "slip":  # no more, but for a polygon's error
+            most = least / slack if np.isfinite(slack) else np.inf
     error = float(max(min(part.error, slack * most), least))
     return replace(part, error=error)
 

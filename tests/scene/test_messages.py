@@ -531,31 +531,27 @@ def test_what_is_the_same_at_every_place_asks_for_none(said, macro, word):
 
 
 def test_what_histories_call_asks_for_no_place_either(said):
-    assert "mine.edp line" in (words := said(
-        ("macro friction() F //", "macro friction() F //\nmacro ramp(t) (x > 0 ? t : 1.) //\n"
-         "macro amplitude1(t) ramp(t) //"))) and "ramp asks for x" in words
+    words = said(("macro friction() F //", "macro friction() F //\n"
+                  "macro ramp(t) (x > 0 ? t : 1.) //\nmacro amplitude1(t) ramp(t) //"))
+    assert "mine.edp line" in words and "ramp asks for x" in words
 
 
 @pytest.mark.parametrize("macro", ["amplitude1(x) (x*x)", "amplitude1(t) (t*table.x)",
                                    "amplitude1(t) x(t)", "obstacleX(t) (label == 3 ? t : 0.)",
                                    "amplitude1(t) (t/int1d(body, 3) ((x + 1.)*y)/2.)",
                                    "amplitude1(t) (t*int2d(body)(2*pi*x))"])
-def test_names_like_those_of_places_are_not_refused(tmp_path, macro):
-    path = tmp_path / "mine.edp"
-    path.write_text(SCENE.replace("macro friction() F //",
-                                  f"macro friction() F //\nmacro {macro} //"))
-    pitfalls.check(path, {})
+def test_names_like_those_of_places_are_not_refused(named_scene, macro):
+    pitfalls.check(named_scene("mine", SCENE.replace(
+        "macro friction() F //", f"macro friction() F //\nmacro {macro} //")), {})
 
 
 @pytest.mark.parametrize("text", [
     'int n = physical("ratio", 1.5)*10;', 'int on = physical("share", 0.5) > 0.2, k = 3;',
     'int n = physical("number", 12);',
     "macro said() { bool a = x < 1.; bool b = y < 1.; cout << a << b << endl; } //\nsaid;"])
-def test_what_is_no_mistake_is_not_refused(tmp_path, text):
-    path = tmp_path / "mine.edp"
-    path.write_text(SCENE.replace("macro friction() F //",
-                                  f"{text}\nmacro friction() (said ? F : F) //"))
-    pitfalls.check(path, {})
+def test_what_is_no_mistake_is_not_refused(named_scene, text):
+    pitfalls.check(named_scene("mine", SCENE.replace(
+        "macro friction() F //", f"{text}\nmacro friction() (said ? F : F) //")), {})
 
 
 @pytest.mark.parametrize("helper, words", [
