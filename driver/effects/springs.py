@@ -1,12 +1,12 @@
 """Springs: elastic foundation of boundaries (Winkler), springs at points."""
 
 from ..errors import InputError
+from ..quantities import QUANTITIES
 from . import ESTIMATE, Effect, RunFacts, entry
 
 # at a point a body gives way like the logarithm of the element size: with the motions that springs
 # there hold, and so with what follows from them, down to the shares of loads among supports
-FOLLOWING = ("peak_pressure", "normal_resultant", "tangential_resultant", "contact_length", "slip",
-             "dissipated_energy", "worn_volume", "displacement")
+FOLLOWING = tuple(QUANTITIES)
 
 
 class Room(Effect):

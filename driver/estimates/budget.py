@@ -24,7 +24,7 @@ two meshes        error = PAIR |q0 - q1| / (r^q - 1), q = 1; 2 for integrals, wh
 
 with FLOOR, SLOW, PAIR chosen on synthetic sequences, sums of two powers of h and of a disorder of
 order 1 to 1.5 (tests/estimates/test_budget.py): 94 to 99 of 100 errors are covered, and the median
-of error over truth is 2.3 to 3.5; S by quantity (CAUTION) on 397 triples of meshes of shipped
+of error over truth is 2.3 to 3.5; S by quantity (quantities.py) on 397 triples of meshes of shipped
 scenes, of which 96 of 100 hold with a median of 3.8; caution.py says where more is needed. The same
 holds for time steps.
 
@@ -48,21 +48,14 @@ import dataclasses
 
 import numpy as np
 
+from ..quantities import QUANTITIES
+
 # orders of the elements for functionals, and of the implicit Euler method. Functionals gain twice
 # the order in the energy norm: 1 with linear elements, with quadratic ones 3/2, as stresses have
 # kinks where contact begins and ends (Moussaoui, Khodja, Comm. PDE 17 (1992) 805-826)
-FORMAL = {"mesh": {"P1": 2.0, "P2": 3.0, "P2-mixed": 3.0}, "time": 1.0,
-          "jumps": 1.0}
+FORMAL = {"mesh": {"P1": 2.0, "P2": 3.0, "P2-mixed": 3.0}, "jumps": 1.0}
 OF_CHORDS = 2.0  # of a polygon that stands for a curve
-SECOND_ORDER = ("dissipated_energy",)  # in time, by the trapezoid of its friction bound
 SAFETY, FLOOR, SLOW, PAIR = 1.75, 0.8, 1.1, 3.0
-# of the mesh's part, by quantity: what about 95 of 100 take, or all but one, on 397 triples of
-# meshes of shipped scenes and 790 claims of scenes that were drawn; of resultants, displacement,
-# contact length and work less, as adjoint problems, sharp ends (sharp_ends.py), the distance of
-# nodes and slip keep them from being far too small
-CAUTION = {"peak_pressure": 1.6, "normal_resultant": 1.2, "tangential_resultant": 1.0,
-           "contact_length": 1.0, "slip": 1.0, "dissipated_energy": 1.0, "worn_volume": 1.7,
-           "displacement": 1.0}
 OF_TIME = 1.2  # of the time step's part
 FIRST = 0.999  # an observed first order, rounding apart
 SLOWEST = 0.02  # an observed order below this is no convergence
@@ -77,11 +70,6 @@ ALONE = "no coarser run to compare with"
 SINGULAR = "does not converge under refinement: it may be singular, or the mesh too coarse"
 VANISHED = 1e-6  # of what its unit suggests: a quantity that is zero but for tolerances
 SMALL = 1e-3  # of it: one that is zero but for an error as large as itself
-UNBOUNDED = ("peak_pressure",)  # may have no limit under refinement
-SUMMED = ("normal_resultant", "tangential_resultant")  # over contact boundaries, by magnitude
-UNITS = {"peak_pressure": (1, 0), "normal_resultant": (1, 1), "tangential_resultant": (1, 1),
-         "contact_length": (0, 1), "slip": (0, 1), "dissipated_energy": (1, 2),
-         "worn_volume": (0, 2), "displacement": (0, 1)}  # powers of stress and length
 
 
 def formal_order(source: str, element: str, name: str, chords: bool = False,
@@ -93,7 +81,7 @@ def formal_order(source: str, element: str, name: str, chords: bool = False,
     """
     if source == "mesh":
         return min(FORMAL["mesh"][element], OF_CHORDS if chords else np.inf, most)
-    return 2.0 if source == "time" and name in SECOND_ORDER else FORMAL[source]
+    return QUANTITIES[name].order_in_time if source == "time" else FORMAL[source]
 
 
 def main_quantity(values: dict) -> str:

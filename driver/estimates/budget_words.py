@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from ..quantities import QUANTITIES, SUMMED
 from ..units import spelt
-from .budget import SUMMED, UNITS, main_quantity, vanishing
+from .budget import main_quantity, vanishing
 
 SOURCES = {"mesh": "mesh", "time": "time step", "jumps": "jumps over cycles",
            "friction": "friction's fixed point",
@@ -30,7 +31,7 @@ def advice(quantities: dict, remedies: dict[str, str]) -> str:
 
 def unit(name: str, units: dict) -> str:
     """Unit of a quantity in the scene's units, as engineers spell it."""
-    return spelt(*UNITS[name], units)
+    return spelt(*QUANTITIES[name].unit, units)
 
 
 def share(error: float | None, value: float) -> str:

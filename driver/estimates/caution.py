@@ -52,22 +52,18 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ..quantities import HELD, LOCAL, QUANTITIES, SUMMED
 from ..results.touch import Touch
 from . import sharp_ends
 from .adjoint import held
-from .budget import (CAUTION, SAFETY, UNBOUNDED, UNSETTLED, Part, extrapolate, formal_order,
-                     located, observed_order)
+from .budget import (SAFETY, UNSETTLED, Part, extrapolate, formal_order, located,
+                     observed_order)
 from .free_peak import Peaks, exceeded
 
 LOCKED = 2.0  # lambda / mu (Poisson's ratio 1/3) from which linear elements are too stiff
 ROUGH, STEEP = 0.25, 2.0  # relative error in energy from which caution grows, and how fast
 LENGTH, PEAK = "contact_length", "peak_pressure"
 SHEAR_FORCE, WORK, WAY = "tangential_resultant", "dissipated_energy", "displacement"
-# integrals, which adjoint problems hold where there are any; others hang on places between nodes
-HELD = ("normal_resultant", SHEAR_FORCE, WAY)
-# of which an order below UNSETTLED is chance: errors of integrals fall by twice the order that
-# those of stresses do, which the strongest of one material, r^-3/4, leave at 1/4
-INTEGRALS = (*HELD, WORK, "worn_volume")
 SLIP = "slip"
 LEFT = (SHEAR_FORCE, WAY, SLIP)  # what earlier slip stays in; pressures hardly depend on it
 # of the geometric mean of two estimates, each off by a factor; what meshes and nodes say of the
@@ -259,14 +255,17 @@ class Caution:
 
     def _part(self, name: str, changes: list, ratios: list, value: float, singular: bool,
               most: float) -> Part:
-        caution = CAUTION[name] if self.sizes or name not in HELD else SAFETY
+        quantity = QUANTITIES[name]
+        caution = quantity.caution if self.sizes or name not in HELD else SAFETY
         estimated = np.isfinite(most)
         if estimated and (name in (WORK, LENGTH) or name == SLIP and self.touch.way_at_end):
             caution = SAFETY  # nodes beside a sharp end differ by far less than it errs
         fast = (self.element != "P1" or self.adapted) and name in HELD and self.sizes
         formal = formal_order("mesh", self.element, name, self.chords, most)
-        least = UNSETTLED if name in INTEGRALS else 0.0
-        part = extrapolate(changes, ratios, formal, value, name not in UNBOUNDED, singular,
+        # of integrals an order below this is chance: their errors fall by twice the order that
+        # those of stresses do, which the strongest of one material, r^-3/4, leave at 1/4
+        least = UNSETTLED if quantity.kind != LOCAL else 0.0
+        part = extrapolate(changes, ratios, formal, value, quantity.limit, singular,
                            caution, FAST if fast else 1.0, least)
         slowest = NO_ORDER if self.sizes and name in HELD else min(least, formal)
         told = {self._told(part, changes, formal + above, slowest)
@@ -324,6 +323,6 @@ def _unsure(values: dict, parts: dict) -> bool:
 def by_balance(values: dict, parts: dict) -> set[str]:
     """Resultants that the loads give, whatever the mesh; `parts` of the error by the mesh."""
     force = abs(values.get("normal_resultant", 0.0))
-    errors = {name: parts[name].error for name in HELD[:2] if name in values}
+    errors = {name: parts[name].error for name in SUMMED if name in values}
     return {name for name, error in errors.items()
             if error is not None and error <= BALANCE * force}

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..quantities import HELD
 from ..results.touch import Touch
 from .budget import Part, vanishing
 from .budget_words import share
@@ -16,8 +17,8 @@ BLIND = 0.25  # smoothed stresses' error in energy over its bound; that is 2.6 t
 OPENS = 1.5  # power of the size of elements with which the next node opens: a corner 1, a curve 2
 OWN = "the mesh is too coarse: it may be nothing but its own error"
 STICKS = "no node slides on this mesh"
+PLACED = ("displacement",)  # which nodes in contact do not make
 OF_SLIP = ("slip", "dissipated_energy")
-OF_BODIES = ("normal_resultant", "tangential_resultant", "displacement")
 ALIKE = ("normal_resultant", "displacement")  # of meshes of the same problem
 
 
@@ -58,8 +59,8 @@ def parts(values: dict, error: float, touch: Touch, element: str, adjoint: bool,
     that carry all have one direction, and where areas of contact have no more nodes their force
     acts at a node. `error`: of energy_error; `unseen`: these problems are blind.
     """
-    placed = OF_BODIES[-1:] if adjoint or 0 < error <= FINE else ()  # zero is unknown
-    reason, spared = "", OF_BODIES if adjoint else placed
+    placed = PLACED if adjoint or 0 < error <= FINE else ()  # zero is unknown
+    reason, spared = "", HELD if adjoint else placed
     if error > COARSE:
         reason = f"its error in the energy norm is {100 * error:.0f} %"
     if 0 < touch.nodes < fewest(element):
@@ -72,7 +73,7 @@ def parts(values: dict, error: float, touch: Touch, element: str, adjoint: bool,
                   "mesh there")
         spared = placed
     if unseen:
-        reason, spared = "smoothed stresses miss most of its error in energy", OF_BODIES[-1:]
+        reason, spared = "smoothed stresses miss most of its error in energy", PLACED
     names = [name for name in values if reason and name not in spared]
     return dict.fromkeys(names, Part(None, note=f"the mesh is too coarse: {reason}"))
 

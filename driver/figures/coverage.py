@@ -6,12 +6,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..files import read_table
+from ..quantities import QUANTITIES
 from .style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RED, SKY, canvas, write
 
-LOOK = {"peak_pressure": (RED, "^"), "normal_resultant": (BLUE, "o"),
-        "tangential_resultant": (SKY, "s"), "contact_length": (GREEN, "D"),
-        "slip": (ORANGE, "v"), "dissipated_energy": (PURPLE, "P"), "worn_volume": (INK, "p"),
-        "displacement": (GREY, "X")}
+LOOK = dict(zip(QUANTITIES, zip((RED, BLUE, SKY, GREEN, ORANGE, PURPLE, INK, GREY), "^osDvPpX"),
+                strict=True))
 LEAST = 1e-6  # smaller true errors are drawn there
 
 

@@ -6,6 +6,7 @@ from ..contact.states import ContactField
 from ..feti.operator import DualOperator
 from ..march.quasistatic import QuasistaticSolver
 from ..march.step import Step
+from ..quantities import OF_FORCES
 from . import dissipation
 from .contact_state import WEAR, ContactState, less_wear
 from .contact_edges import NODES, chains
@@ -16,7 +17,6 @@ from .touch import Touch, of_arrivals
 
 ROUND = 1e-6  # change of normals along a boundary that is not straight
 INSIDE = 1e-2  # of the largest displacement: depth of a clamped place inside what it meets
-FORCES = ("peak_pressure", "normal_resultant", "tangential_resultant", "dissipated_energy")
 
 
 class Record:
@@ -155,7 +155,7 @@ class Record:
         index = self.quantities()[1]
         of_contact = singular_places(*self._columns(), index)
         if self.held_inside()[index].any():
-            of_contact = FORCES
+            of_contact = OF_FORCES
         return (*of_contact, *self.effects.unlimited)
 
     def held_inside(self) -> np.ndarray:

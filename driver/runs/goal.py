@@ -23,10 +23,11 @@ from ..estimates.budget import (DOUBTFUL, FORMAL, SINGULAR, Part, extrapolate, f
                                 main_quantity, mesh_knob, name_of, observed_order, of_one_step,
                                 ratio, vanishing)
 from ..estimates.budget_words import share
-from ..estimates.caution import FAST, HELD
+from ..estimates.caution import FAST
 from ..estimates.free_peak import ROUNDING, UNSEEN
 from ..estimates.successive import mesh_parts
 from ..estimates.unresolved import at_corners
+from ..quantities import HELD
 from .tolerances import TOLERANCES
 from .trials import Trials
 
@@ -37,7 +38,7 @@ CLEAR = 0.25  # of what is allowed may be estimated from two meshes
 LARGEST = 300_000  # nodes; twice as many unknowns
 SMALL = 1_500  # nodes up to which a run costs no more than the start of programs
 # that quadratic elements approach faster: others hang on places between nodes
-SMOOTH = ("normal_resultant", "tangential_resultant", "displacement", "peak_pressure")
+SMOOTH = (*HELD, "peak_pressure")
 PRESSED = ("normal_resultant", "peak_pressure")  # none of which is there where nothing touches
 DEPEND = ("peak_pressure", "contact_length")  # on the mesh, also where the loads give the force
 HALVED = 1.9  # ratio of sizes from which on elements are half as long, numbers of cells rounded

@@ -1,16 +1,20 @@
 """What single rooms add, asked for directly or by a run that shows nothing else."""
 
+import importlib
+import pkgutil
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from mpi4py import MPI
 
+import driver.effects
 from driver.contact.motion import ObstacleMotion
 from driver.effects import (Effect, Effects, compliance_exponent, cycles, large_sliding,
                             normal_compliance, probe, slip_law, springs, tie, wear)
 from driver.errors import InputError
 from driver.march.closure import Closure
+from driver.quantities import QUANTITIES
 
 LAW = {"argument": "slip", "range": 2.0, "values": [1.0, 0.5, 0.25]}
 
@@ -40,6 +44,14 @@ def test_a_bound_by_pressure_is_known_by_what_a_law_gives():
     manifest = SimpleNamespace(rooms={"sticky": {}}, patterns=[])
     effects.rooms["sticky"] = Sticky("sticky", manifest)
     assert effects.pressure_bounds_friction
+
+
+def test_every_quantity_of_a_room_has_its_row():
+    """Errors of one without unit, kind and caution could not be claimed."""
+    rooms = [importlib.import_module(f"driver.effects.{module.name}")
+             for module in pkgutil.iter_modules(driver.effects.__path__)]
+    declared = {name for room in rooms for name in room.Room.quantities}
+    assert declared | {"displacement"} == set(QUANTITIES)
 
 
 def test_slip_accumulates_whatever_its_direction():

@@ -26,19 +26,20 @@ TWO = Reference(2.0, 0.002, reference.RUN)
 def test_reference_adds_what_space_and_time_change():
     # q(h, dt) = 1 + h^2 + dt: cycles halve h, steps halve dt
     def values(h, dt):
-        return {"q": 1 + h**2 + dt, "same": 3.0}
+        return {"displacement": 1 + h**2 + dt, "slip": 3.0}
 
     runs = {"base": (0.2, 0.1), "coarser": (0.2, 0.1), "finer": (0.1, 0.1), "finest": (0.05, 0.1),
             "fewer": (0.2, 0.04), "more": (0.2, 0.02), "most": (0.2, 0.01)}
     made = {name: Trial("reference", 0, Setting(1.0, 1), name, values=values(*setting))
             for name, setting in runs.items()}
     found = reference.references(made)
-    assert set(found) == {"q"}  # what no run changes has no error to show
+    assert set(found) == {"displacement"}  # what no run changes has no error to show
     left = 0.05**2 + 0.01  # in space and time at the finest
-    assert found["q"].value == pytest.approx(1 + left, abs=1e-12)
+    assert found["displacement"].value == pytest.approx(1 + left, abs=1e-12)
     # the caution of both extrapolations (a second order counts up to three times as much, as the
     # last difference may be chance), and the product of the corrections
-    assert 1.2 * left < found["q"].own < SAFETY * (3 * FLOOR * 0.05**2 + 0.01) + 1.01 * 0.05 * 0.1
+    most = SAFETY * (3 * FLOOR * 0.05**2 + 0.01) + 1.01 * 0.05 * 0.1
+    assert 1.2 * left < found["displacement"].own < most
 
 
 def test_a_reference_that_does_not_converge_ends_with_its_status():
@@ -56,7 +57,7 @@ def test_a_reference_that_does_not_converge_ends_with_its_status():
 
 def test_quantity_that_does_not_converge_has_no_reference():
     value = {"base": 1.0, "coarser": 2.0, "finer": 4.0, "finest": 8.0}
-    runs = {name: Trial("reference", 0, Setting(1.0, None), name, values={"q": v})
+    runs = {name: Trial("reference", 0, Setting(1.0, None), name, values={"displacement": v})
             for name, v in value.items()}
     assert not reference.references(runs)
 

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from ...estimates.budget import FORMAL, extrapolate, main_quantity
+from ...estimates.budget import extrapolate, formal_order, main_quantity
 from .trial import Trial
 
 RUN = "reference run"
@@ -57,12 +57,13 @@ def references(runs: dict[str, Trial], closed_form=None, element: str = "P1") ->
         finest, most = value.get("finest", base), value.get("most", base)
         total = finest + most - base
         own = abs((finest - base) * (most - base) / base) if base else 0.0
-        for keys, formal, limit in ((("finest", "finer", "coarser"), FORMAL["mesh"][element],
-                                     False), (("most", "more", "fewer"), FORMAL["time"], True)):
+        for keys, source, limit in ((("finest", "finer", "coarser"), "mesh", False),
+                                    (("most", "more", "fewer"), "time", True)):
             if keys[0] in value:
                 last, middle, first = (value[key] for key in keys)
                 part = extrapolate([last - middle, middle - first],
-                                   [2.0, 2.0], formal, total, limit).error
+                                   [2.0, 2.0], formal_order(source, element, name), total,
+                                   limit).error
                 own = None if part is None or own is None else own + part
         spread = max(abs(v - base) for v in value.values())
         if own is not None and total and spread > 1e-9 * abs(total):
