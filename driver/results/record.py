@@ -9,7 +9,7 @@ from ..march.step import Step
 from ..quantities import OF_FORCES
 from . import dissipation
 from .contact_state import WEAR, ContactState, less_wear
-from .contact_edges import NODES, chains
+from .contact_edges import NODES, chains, contact_length
 from .quantities import (REPEATS, farthest_node, largest_pressure, peak_nodes, quantities,
                          singular_places)
 from .shares import label_shares
@@ -112,6 +112,16 @@ class Record:
         """That of the last step so far, as of a scene's quantities."""
         nodes = self.nodes()
         return largest_pressure(nodes, chains(nodes), self.states["sigma_n"][-1])
+
+    def contact_length(self) -> float:
+        """That of the last step so far, as of a scene's quantities."""
+        if not self.effects.contact:
+            return 0.0
+        nodes = self.nodes()
+        step = less_wear({name: column[-1][None] for name, column in self.states.items()})
+        if self.contact.boundary.moves:
+            step["gap"] = self.gaps[-1][None]
+        return contact_length(nodes, chains(nodes), step, 0)
 
     def peak_nodes(self, index: int) -> np.ndarray:
         """Nodes of the largest pressure: the one that has it, and its neighbours in contact."""

@@ -61,6 +61,7 @@ LABEL = Column("boundary", "1", "label of the contact boundary, where there are 
 PEAK = Column("peak_pressure", "stress", "largest contact pressure, located between nodes, with "
               "linear elements at ends of the boundary continued from inside; of bilateral contact "
               "the largest |sigma_n|")
+LENGTH = Column("contact_length", "length", "length in contact, its ends located between nodes")
 
 HISTORY = (
     *STEP,
@@ -81,8 +82,7 @@ HISTORY = (
     Column("contact_x", FORCE, "resultant of the forces of rigid obstacles on the body"),
     Column("contact_y", FORCE, "resultant of the forces of rigid obstacles on the body"),
     *(Column(f"nodes_{name}", "1", f"contact nodes with status {name}") for name in STATUS_NAMES),
-    Column("contact_length", "length", "lengths of the dual segments in contact, summed; "
-           "boundaries.csv locates where contact ends"),
+    LENGTH,
     Column("max_displacement", "length", "largest |u| of a node"),
     PEAK,
     Column("dissipated", ENERGY, "work that friction has taken since time 0"),
@@ -97,7 +97,7 @@ BOUNDARIES = (
     Column("force_x", FORCE, "contact force on the body that carries the contact nodes"),
     Column("force_y", FORCE, "contact force on the body that carries the contact nodes"),
     PEAK,
-    Column("contact_length", "length", "length in contact, its edges located between nodes"),
+    LENGTH,
     Column("slip", "length", "longest way that a point has slid in contact since time 0"),
     Column("dissipated_energy", ENERGY, "work that friction has taken since time 0"),
 )

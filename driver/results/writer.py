@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..contact.states import OPEN, STATUS_NAMES, ContactField
+from ..contact.states import STATUS_NAMES, ContactField
 from ..environment import give_back_memory
 from ..errors import agreed_writes
 from ..feti.operator import DualOperator
@@ -115,7 +115,7 @@ class Writer:
 
     # ---- rows of the tables ----------------------------------------------------------------------
     def _history_row(self, step: Step, state: dict, forces: dict) -> dict:
-        boundary, touching = self.contact.boundary, state[ContactField.STATUS] != OPEN
+        boundary = self.contact.boundary
         weight = boundary.weight
         sigma_n, sigma_t = state[ContactField.SIGMA_N], state[ContactField.SIGMA_T]
         row = {"step": step.index, "time": step.time}
@@ -131,7 +131,7 @@ class Writer:
                 for name, force in forces.items() for k, axis in enumerate("xy")}
         counts = np.bincount(state[ContactField.STATUS], minlength=len(STATUS_NAMES))
         row |= {f"nodes_{name}": int(count) for name, count in zip(STATUS_NAMES, counts)}
-        row |= {"contact_length": float(boundary.length[touching].sum()),
+        row |= {"contact_length": self.record.contact_length(),
                 "max_displacement": self.record.displacements[-1],
                 "peak_pressure": self.record.largest_pressure(),
                 "dissipated": self.record.dissipated}
