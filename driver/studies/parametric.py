@@ -377,8 +377,7 @@ def _fields(solver, step, u_t: np.ndarray, way) -> dict[str, np.ndarray]:
 
 
 def _quantities(contact, shares: np.ndarray, fields: dict) -> dict:
-    """Resultants, peak, length and zones of one step, as history.csv of single runs has them, but
-    for the length, which is that of their boundaries.csv.
+    """Resultants, peak, length and zones of one step, as history.csv of single runs has them.
 
     `shares` of labels in nodes as from shares.py.
     """
