@@ -69,7 +69,8 @@ def figures(words: list[str]) -> None:
         drawn |= bool(paths)
         _list(paths)
     if not drawn:
-        raise InputError(f"{shown(folders[0])} holds a study without pictures")
+        raise InputError(f"{shown(folders[0])} holds a study without pictures; its tables have "
+                         "all that it found")
 
 
 def report(words: list[str]) -> None:
@@ -215,13 +216,14 @@ def solve(words: list[str]) -> None:
 
 
 def _stage(name: str):
-    """A stage that ranks share, by its name."""
-    if name == runs.solver.__name__:
-        return runs.solver
-    if name == runs.search.__name__:
-        return runs.search
+    """A stage that ranks share, by its name. Raises InputError if there is none."""
+    for stage in (runs.solver, runs.search):
+        if name == stage.__name__:
+            return stage
     from .studies.study import parametric
 
+    if name != parametric.__name__:
+        raise InputError(f"ranks have no stage {name}")
     return parametric
 
 

@@ -176,7 +176,7 @@ MESHES = (
 # numerical options of the solver, each with a default that suits most runs; tolerances are relative
 SETTINGS = (
     Option("rtol", POSITIVE, 1e-8, SOLVER, SOLVING,
-           "QP: projected gradient over the displacements that multipliers overcome"),
+           "QP: norm of the projected gradient relative to that of the right-hand side d"),
     Option("friction_rtol", POSITIVE, 1e-6, SOLVER, SOLVING,
            "fixed point: change of lambda_n over lambda_n; balance of bodies without support"),
     Option("primal_rtol", POSITIVE, 1e-6, SOLVER, SOLVING,
@@ -209,9 +209,9 @@ SETTINGS = (
            "solutions of every step; auto: where few contact nodes, friction or doubt suggest it, "
            "up to the first step that has some"),
     Option("cycles", CYCLES, EVERY, SOLVER, SOLVING,
-           "of a history that is repeated: another number of cycles, an end where they have "
-           "settled, or jumps over cycles where what grows does so steadily, each jump erring by "
-           "this part of what grows in it; 'n until settled' and 'n jump 1%' have a number, too",
+           "of a history that is repeated: another number of cycles; an end once they have "
+           "settled; or cycles skipped while growth is steady, with this error allowed per skip, "
+           "relative to the growth; 'n until settled' and 'n jump 1%' have a number, too",
            "the scene's"),
 )
 
@@ -240,7 +240,7 @@ STUDIES = (
            "parts of the benchmark", "all"),
     Option("large", YES_NO, False, STUDY, ("bench",),
            "GetFEM at h = 1/160, 1/320 and on an own mesh of 85,000 dofs too, which takes half an "
-           "hour, and PARTS=geometry at 1,000,000 dofs"),
+           "hour, PARTS=geometry at 1,000,000 dofs, and PARTS=ranks with 100,000 subdomains"),
     Option("family", several("material", "geometry", "contact", "friction", "scale", "support",
                              "bodies", "element", "algorithm", "environment", "random"), None,
            STUDY, ("hard",), "families of cases; random: scenes drawn from seeds", "all"),

@@ -1,9 +1,9 @@
 """Fixtures: FreeFEM exports, FETI-DP operators and finished runs, each made once.
 
 Tests lie in the order of the packages of `driver/`, so that a failure in an early folder is likely
-the cause of those in later ones: scene, feti, effects, qp, march, results, estimates, figures,
-runs, studies, hard, bench. In scenes/ stand the scenes that ship against closed forms and dense
-solutions; test_house.py keeps the rules that the code itself follows.
+the cause of those in later ones (PACKAGES of driver/studies/docs.py has the order). In scenes/
+stand the scenes that ship against closed forms and dense solutions; test_house.py keeps the rules
+that the code itself follows.
 
     make test                           all but the long ones, on all cores; the files that take
                                         longest come first

@@ -15,10 +15,9 @@ from pathlib import Path
 import pytest
 
 from driver import environment
+from driver.studies.docs import PACKAGES
 
-# packages in the order of the data: imports go from a later one to an earlier one only
-ORDER = ("scene", "feti", "contact", "qp", "effects", "march", "results", "estimates", "figures",
-         "report", "runs", "studies", "hard", "bench", "python", "verify")
+ORDER = PACKAGES  # imports go from a later one to an earlier one only
 TOP = ("driver", "driver.cli", "driver.__main__")  # may import anything, and nothing imports them
 LONGEST, WIDEST = 400, 100  # lines of a module, characters of a line
 REASON = "One module because"  # begins the sentence at the top of a longer module that says why

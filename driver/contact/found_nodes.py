@@ -11,8 +11,6 @@ from .boundary import ClampedContact, ContactBoundary
 from .chains import chains
 from .nodes import contact_table, merge_parts
 
-RUBBING = "friction", "tresca", "cohesion"  # columns of which one gives a node friction
-
 
 @dataclass
 class Measured:
@@ -71,7 +69,7 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm, sides
     ends = periods and periods.ends(nodes, fixed[0])  # what the periods make one place
     found = FoundNodes(nodes, chains(nodes, skeleton), fixed,
                        skeleton.are_middles(nodes.gid), manifest.axisymmetric,
-                       bool(manifest.curved), ends)
+                       bool(manifest.curved), ends, rubbing(effects, nodes))
     gap = effects.distance(nodes.columns, len(nodes.gid))
     motion = effects.motion(nodes, gap)
     following = effects.following(nodes, motion)
@@ -80,6 +78,17 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm, sides
     else:
         boundary = following.first(found, gap, sides)
     return boundary if periods is None else replace(boundary, periods=periods)
+
+
+def rubbing(effects, nodes) -> np.ndarray:
+    """(n,) to which of the `nodes` the laws of friction give a bound, under whatever pressure."""
+    alike = replace(nodes, weight=np.ones(len(nodes.gid)))  # on the axis of a revolution as well
+    rubs = np.zeros(len(nodes.gid), bool)
+    for room in effects:
+        for law in (room.friction_coefficient(alike), room.friction_offset(alike)):
+            if law is not None:
+                rubs |= law != 0
+    return rubs
 
 
 @dataclass
@@ -96,6 +105,7 @@ class FoundNodes:
     axisymmetric: bool
     curved: bool = False  # sides of elements, see nodes.merge_parts
     ends: object = None  # the Ends of periods.py; None: nothing repeats itself
+    rubs: np.ndarray | None = None  # (n,) which have friction; None: no node has
 
     @property
     def paired(self) -> np.ndarray:
@@ -160,9 +170,7 @@ class FoundNodes:
         nodes, n = self.nodes, len(self.nodes.gid)
         _, vertex, count = np.unique(nodes.gid[self.paired], return_inverse=True,
                                      return_counts=True)
-        rubs = np.zeros(n, bool)
-        for name in nodes.columns.keys() & set(RUBBING):
-            rubs |= nodes.columns[name] != 0
+        rubs = np.zeros(n, bool) if self.rubs is None else self.rubs
         guided, terms = np.isin(nodes.gid, self.fixed[0] // 2), []
         twin, lost = np.zeros((2, n), bool)
         twin[self.paired] = count[vertex] > 1

@@ -113,7 +113,8 @@ class Effect:
         self.patterns = [number for number, kind in enumerate(kinds) if kind == name]
         labels = self.data.get("labels") if self.labelled else []
         if not isinstance(labels, list) or any(k not in manifest.labels for k in labels):
-            raise InputError(f"the labels of {name} are none of the mesh")
+            known = ", ".join(map(str, manifest.labels))
+            raise InputError(f"the labels of {name} are none of the mesh, which has {known}")
 
     # ---- what it adds to the problem ------------------------------------------------------------
     def distance(self, columns: dict[str, np.ndarray]) -> np.ndarray | None:

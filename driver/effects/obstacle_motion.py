@@ -60,7 +60,8 @@ class Room(Effect):
             motion.again = cycles["start"]
             if not motion.returns():
                 raise InputError("a cycle ends where it begins, but an obstacle stands elsewhere "
-                                 "at its end")
+                                 "at its end: give obstacleX, obstacleY and obstacleAngle the "
+                                 "same values there as at cycleStart()")
         return motion
 
     def ledger(self, facts: RunFacts) -> dict[str, dict]:

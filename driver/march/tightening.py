@@ -1,4 +1,4 @@
-"""What a step has earned: tolerances are tightened until the residuals of its solution are small.
+"""Tightens the tolerances of a step until the residuals of its solution are small enough.
 
 What the QP and the fixed point stop at is relative to displacements that may be far larger than
 those of the solution (without gluing the body would hang on its corners). So both are tightened

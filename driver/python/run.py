@@ -5,7 +5,6 @@ meanwhile a bar shows the steps, in a notebook and on a terminal.
 """
 
 import os
-import re
 import sys
 import tempfile
 import threading
@@ -15,10 +14,9 @@ from .. import children, environment
 from ..environment import EVERY_STEP
 from ..errors import InputError, error_of
 from ..options import RESULTS
+from ..runs.watch import STEP
 from ..scene import freefem
 from .result import Result
-
-STEP = re.compile(r": step (\d+)/(\d+), ")
 
 
 def run(scene, *, progress: bool | None = None, **options) -> Result:

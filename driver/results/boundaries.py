@@ -10,7 +10,6 @@ import numpy as np
 from ..contact.states import OPEN, SLIP, ContactField
 from .contact_edges import NODES, chains, contact_lengths, part_of
 from .quantities import largest_pressure, longest_ways
-from .tables import BOUNDARIES
 
 WORK = "work"  # of friction, beside the names of ContactField
 
@@ -32,14 +31,13 @@ def boundary_rows(record, states: dict[str, np.ndarray],
     tables = [_one_boundary(record.contact.boundary, states, (int(label), share, lengths[:, k]),
                             record.normals or None)
               for k, (label, share) in enumerate(zip(record.labels, record.shares))]
-    names = [str(column.name) for column in BOUNDARIES]
-    return [dict(zip(names, (step, time, *table[k])))
+    return [{"step": step, "time": time, **table[k]}
             for k, (step, time) in enumerate(times) for table in tables]
 
 
 def _one_boundary(boundary, states: dict[str, np.ndarray], of_label: tuple,
-                  normals: list[np.ndarray] | None) -> list[tuple]:
-    """Values after step and time, for every step; `of_label`: the label, its share (n_c,) in the
+                  normals: list[np.ndarray] | None) -> list[dict]:
+    """Columns but step and time, for every step; `of_label`: the label, its share (n_c,) in the
     nodes and its length in contact (steps,).
 
     `normals` (n_c, 2) of every step, where they change.
@@ -64,8 +62,11 @@ def _one_boundary(boundary, states: dict[str, np.ndarray], of_label: tuple,
     slip = np.max([longest_ways(nodes, piece, states) for piece in pieces], axis=0)
     rows = []
     for k in range(len(pressure)):
-        values = (pressure[k] @ weight, shear[k] @ weight, *force[k],
-                  largest_pressure(nodes, pieces, pressure[k]),
-                  length[k], slip[k], dissipated[k])
-        rows.append((label, *map(float, values)))
+        values = {"normal_resultant": pressure[k] @ weight,
+                  "tangential_resultant": shear[k] @ weight,
+                  "force_x": force[k, 0], "force_y": force[k, 1],
+                  "peak_pressure": largest_pressure(nodes, pieces, pressure[k]),
+                  "contact_length": length[k], "slip": slip[k],
+                  "dissipated_energy": dissipated[k]}
+        rows.append({"boundary": label, **{name: float(v) for name, v in values.items()}})
     return rows

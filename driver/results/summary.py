@@ -57,6 +57,11 @@ class Sizes:
                    structure.coarse_dofs, len(structure.contact.declared.gid))
 
 
+# effects that have no more to say of themselves
+DECLARED = ("axisymmetric", "cohesion", "curved", "large_sliding", "normal_compliance",
+            "obstacle_motion", "periodic", "springs", "ties", "wear")
+
+
 @dataclass
 class Summary:
     """The entries of summary.json; `parts` of dictionaries are named where these are fixed."""
@@ -68,10 +73,12 @@ class Summary:
     warnings: list = entry("what to know before the results are used, a sentence each")
     effects: dict = entry("what the scene declares", parts={
         "contact": "none, unilateral, bilateral, or unilateral and bilateral",
-        "friction": "none, tresca, coulomb or coulomb-slip-dependent",
+        "friction": "none, tresca, coulomb, coulomb and tresca, or coulomb-slip-dependent",
         "time": "static or quasistatic",
         "initial": "preload, where the history starts from a preloaded state",
-        "body_force": "whether there is a body force", "bodies": "number of bodies"})
+        "body_force": "whether there is a body force", "bodies": "number of bodies",
+        "cycles": "how often the history repeats its cycle, where it does",
+        **{name: "true where it is declared" for name in DECLARED}})
     sizes: Sizes = entry("numbers of unknowns")
     steps: int = entry("finished time steps")
     t_end: float = entry("end of the load history", "time")
@@ -87,10 +94,9 @@ class Summary:
     residuals: dict = entry(
         "relative residuals of the KKT conditions, worst of all steps; a step has converged with "
         "none above PRIMAL_RTOL, equilibrium none above FRICTION_RTOL", parts={
-            "stationarity": "norm of the contact forces that the preconditioner, or where gluing "
-                            "rows are eliminated a step of Newton's method, finds missing by the "
-                            "projected gradient, over that of all contact forces, of a step "
-                            "without any over the largest before",
+            "stationarity": "correction of the contact forces by one preconditioned step (where "
+                            "gluing rows are eliminated, a step of Newton's method), relative to "
+                            "the contact forces; in a step without any, to the largest so far",
             "gluing": "jump between subdomains over the largest deformation delta, the "
                       "displacement of a vertex less the rigid motion of its body, or over a lower "
                       "bound of it by the corners where that is enough; no less than "

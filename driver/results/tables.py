@@ -35,10 +35,10 @@ CONTACT = (
            "area that it sweeps"),
     Column("normal_x", "1", "outward unit normal n of the body, at the end of the step where "
            "contact follows the motion; t is n turned by +90 degrees"),
-    Column("normal_y", "1", "outward unit normal n of the body; t is n turned by +90 degrees"),
+    Column("normal_y", "1", "the same"),
     Column("gap", "length", "distance to the obstacle or the other body along n before any "
            "load; of obstacles that move, where they stand at the end of the step; where contact "
-           "follows the motion u_n and the distance at the end of the step"),
+           "follows the motion (largeSliding) the sum of u_n and the distance at the end of it"),
     Column(ContactField.U_N, "length",
            "displacement along n, between bodies the jump; at most the gap"),
     Column(ContactField.U_T, "length", "displacement along t, between bodies the jump"),
@@ -98,7 +98,7 @@ BOUNDARIES = (
     Column("force_y", FORCE, "contact force on the body that carries the contact nodes"),
     PEAK,
     LENGTH,
-    Column("slip", "length", "longest way that a point has slid in contact since time 0"),
+    Column("slip", "length", "largest accumulated slip of a point in contact since time 0"),
     Column("dissipated_energy", ENERGY, "work that friction has taken since time 0"),
 )
 
@@ -125,8 +125,8 @@ CYCLES = (
     Column("change", "1", "largest change of a contact force against the same step of the cycle "
            "before, after a jump the mean one of the cycles jumped over and this one, over the "
            "largest contact force; 1 in the first cycle"),
-    Column("remaining", "1", "what cycles to come will change it by, as a geometric series; at "
-           "most 1, which also stands where four cycles do not tell"),
+    Column("remaining", "1", "estimated further change by the cycles to come, by a geometric "
+           "series; at most 1, which also stands where four cycles are not enough to tell"),
     Column("slip", "length", "longest way that a node slides in the cycle"),
     Column("drift", "length", "largest change of a node's u_t over the cycle"),
     Column("wear", "length", "largest growth of the worn depth"),
@@ -166,7 +166,7 @@ OBSTACLE = (
 
 TABLES = {
     "contact.csv": ("a row per step and contact node", (*CONTACT, WORN, LABEL)),
-    "history.csv": ("a row per step", HISTORY),
+    "history.csv": ("a row per step", (*HISTORY, GEOMETRIES)),
     "boundaries.csv": ("a row per step and contact boundary", BOUNDARIES),
     "probes.csv": ("a row per step and probe", PROBES),
     "cycles.csv": ("a row per cycle of a history that is repeated", CYCLES),

@@ -60,19 +60,21 @@ class Touch:
         apart = opening.min(initial=np.inf, where=not closed.any())
         pressing = pressure.clip(0) * nodes["weight"]
         lines = [piece for piece in pieces if len(piece) > 1]
-        return cls(int(closed.sum()), _lone(nodes, pressing), pressing_round, flat,
-                   bool(sliding and one_way), between_nodes(nodes, steps, index),
-                   pressure[closed], length,
-                   _at_ends(nodes, pieces, steps, index),
-                   _at_ends(nodes, pieces, steps, most), float(apart),
-                   np.column_stack([opening, whole])[~closed],
-                   sum(_sides(nodes, piece, closed[piece]) for piece in pieces),
-                   sum(doubt_of_ends(nodes, piece, steps, index) for piece in lines),
-                   sum(float(np.diff(nodes["arc"][piece]).sum() + beyond_ends(nodes, piece).sum())
-                       for piece in lines), _cornered(nodes, pieces, pressing),
-                   not made_under_load(nodes, steps, index),
-                   bool(sliding_at_all and _next_to_end(nodes, pieces,
-                                                        farthest_node(steps, index))))
+        lengths = [float(np.diff(nodes["arc"][piece]).sum() + beyond_ends(nodes, piece).sum())
+                   for piece in lines]
+        return cls(
+            nodes=int(closed.sum()), lone=_lone(nodes, pressing), round=pressing_round, flat=flat,
+            dragged=bool(sliding and one_way), open=between_nodes(nodes, steps, index),
+            pressure=pressure[closed], length=length,
+            ends=_at_ends(nodes, pieces, steps, index),
+            loaded=_at_ends(nodes, pieces, steps, most), apart=float(apart),
+            beside=np.column_stack([opening, whole])[~closed],
+            edges=sum(_sides(nodes, piece, closed[piece]) for piece in pieces),
+            doubt=sum(doubt_of_ends(nodes, piece, steps, index) for piece in lines),
+            whole=sum(lengths), cornered=_cornered(nodes, pieces, pressing),
+            earlier=not made_under_load(nodes, steps, index),
+            way_at_end=bool(sliding_at_all
+                            and _next_to_end(nodes, pieces, farthest_node(steps, index))))
 
     def lighter(self, part: float) -> float:
         """Length of contact whose pressure is below a part of the mean one."""

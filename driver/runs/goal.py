@@ -18,6 +18,7 @@ import contextlib
 from itertools import product
 
 from ..errors import DriverError, InputError, NoSolution, NotConverged
+from ..estimates import starts_inside
 from ..estimates.adjoint import unsuited
 from ..estimates.budget import (DOUBTFUL, FORMAL, SINGULAR, Part, extrapolate, finer,
                                 main_quantity, mesh_knob, name_of, observed_order, of_one_step,
@@ -56,7 +57,9 @@ class Search(Trials):
         self.enough, self.unnamed = 3, not quantity  # meshes
         smooth = not quantity or quantity in SMOOTH  # as the main quantities are
         self._begin(smooth and "element" not in levels.parameters)
-        self.follow(self.levels.problem(**self.mesh(self.sizes[0])))
+        coarsest = self.levels.problem(**self.mesh(self.sizes[0]))
+        starts_inside.check(coarsest)
+        self.follow(coarsest)
 
     def _begin(self, quadratic: bool) -> None:
         """Have the coarsest mesh made; `quadratic` as of `_first`."""

@@ -7,6 +7,9 @@ from ..results import screen
 from ..text import counted, shown
 
 
+LITTLE = 0.02  # of the total: stages below it together go without a word
+
+
 def describe(summary: dict, out: Path) -> str:
     """Few lines about a finished run."""
     title = " ".join(filter(None, (summary["scene"], summary["variant"])))
@@ -56,5 +59,9 @@ def _seconds(seconds: dict) -> str:
     stages = {"FreeFEM": "export", "setup": "setup", "solve": "solve",
               "other solutions": "uniqueness", "output": "output", "error estimates": "estimates",
               "figures": "figures", "start": "start"}
-    parts = [f"{title} {seconds[name]:.2f}" for title, name in stages.items() if name in seconds]
+    spent = {title: seconds[name] for title, name in stages.items() if name in seconds}
+    other = seconds["total"] - sum(spent.values())
+    if other >= LITTLE * seconds["total"]:
+        spent["other"] = other
+    parts = [f"{title} {value:.2f}" for title, value in spent.items()]
     return f"{seconds['total']:.2f} s ({', '.join(parts)})"

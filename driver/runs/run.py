@@ -7,6 +7,7 @@
 import contextlib
 import dataclasses
 import json
+import re
 import shutil
 import sys
 import time
@@ -70,7 +71,8 @@ class Run:
         if "estimator" in given.settings and given["errors"] == "no" and not searched:
             raise InputError("ESTIMATOR says how the error in the energy norm is estimated, which "
                              "ERRORS=no leaves out: leave one of them out")
-        if given["accuracy"] and not given.settings.get("cycles", EVERY).isalnum():
+        cycles = given.settings.get("cycles", EVERY)
+        if given["accuracy"] and not re.fullmatch(rf"{EVERY}|\d+", cycles):
             raise InputError("ACCURACY compares runs of the same cycles: give their number, such "
                              "as CYCLES=10")
         names = ("without", "fields", "figures", "animate", "quiet", "resume", "adapt", "errors",

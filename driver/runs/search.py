@@ -92,9 +92,10 @@ def _prices(search: goal.Search, problem, output: float, idle: float) -> dict:
 def _write(directory: Path, request: Request, search: goal.Search, status: int, reason: str,
            clock: float, idle: float) -> None:
     """Results of the finest run, as an ordinary run leaves them."""
-    from ..estimates import soundness, validity
+    from ..estimates import validity
     from ..results import summary
     from ..results.writer import Writer
+    from .solve import doubts
 
     _claim_others(search)  # no part of what results take
     begun, size, levels = time.perf_counter(), search.mesh(search.sizes[-1]), search.levels
@@ -107,11 +108,8 @@ def _write(directory: Path, request: Request, search: goal.Search, status: int, 
     valid = validity.assess(problem, writer.contact,
                             [(level.steps[k], states[k]) for k in sorted(checked)])
     writer.close()
-    level.solver.history.warnings += [
-        *soundness.warnings(problem, level.steps[most]),
-        *between_steps.half_turns(problem.structure.contact.motion_of_all_times),
-        *(between_steps.warnings(problem.manifest, search.motion) if search.effects.frictional
-          else [])]
+    level.solver.history.warnings += doubts(problem, level.solver, level.steps[most],
+                                            search.motion)
     budget, chosen = search.budget(), search.chosen()
     entry = budget[search.name]
     settings = " ".join(f"{name}={value}" for name, value in chosen.items())

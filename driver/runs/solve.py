@@ -165,16 +165,23 @@ def _march(directory: Path, request: Request, problem: Problem, solver: Quasista
         failure = stop
         if failure.step is not None:
             add(failure.step)
-    if solver.cycles is not None:
-        history.warnings += solver.cycles.warnings()
-    history.warnings += soundness.warnings(problem, estimator.largest and estimator.largest[1])
-    motion = problem.structure.contact.motion_of_all_times
-    history.warnings += between_steps.half_turns(motion)
-    if problem.effects.frictional:  # else the end does not depend on the way
-        history.warnings += between_steps.warnings(problem.manifest, motion)
+    history.warnings += doubts(problem, solver, estimator.largest and estimator.largest[1],
+                               problem.structure.contact.motion_of_all_times)
     with agreed_writes(comm):
         progress.close(str(failure or "converged"))
     return resumed, before, failure
+
+
+def doubts(problem: Problem, solver: QuasistaticSolver, step: Step | None, motion) -> list[str]:
+    """Warnings of a run that is done; `step`: the one with the largest energy, `motion`: of
+    obstacles at the times at which it was looked at.
+    """
+    lines = [] if solver.cycles is None else solver.cycles.warnings()
+    lines += soundness.warnings(problem, step)
+    lines += between_steps.half_turns(problem.structure.contact.motion_of_all_times)
+    if problem.effects.frictional:  # else the end does not depend on the way
+        lines += between_steps.warnings(problem.manifest, motion)
+    return lines
 
 
 def _steps(solver: QuasistaticSolver, directory: Path):

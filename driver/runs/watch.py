@@ -3,6 +3,7 @@ lines; and of FreeFEM, where it takes long.
 """
 
 import os
+import re
 import sys
 import time
 from pathlib import Path
@@ -10,6 +11,8 @@ from pathlib import Path
 from ..environment import EVERY_STEP
 from ..scene.manifest import announced
 from .workspace import lock_log
+
+STEP = re.compile(r": step (\d+)/(\d+), ")  # in the line of `Progress.update`
 
 LONG = 10.0  # seconds of FreeFEM's after which a line says what it does; then twice as many, ...
 SELDOM = 5.0  # seconds without a line, so that short estimates have none

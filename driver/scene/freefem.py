@@ -186,7 +186,8 @@ def _check_echo(manifest: Manifest, parameters: dict[str, str]) -> None:
     read = {name.lower(): value for name, value in manifest.parameters.items()}
     for name, asked in parameters.items():
         if name not in read:
-            raise InputError(f"the scene does not read the parameter '{name}'")
+            raise InputError(f"the scene does not read the parameter '{name}'; it reads "
+                             f"{', '.join(sorted(read))}")
         echo = read[name]
         try:
             same = echo == asked if isinstance(echo, str) else float(asked) == float(echo)

@@ -468,6 +468,9 @@ def test_an_obstacle_turned_inside_out_is_asked_about(solved, scene, start, stat
     assert run.status == status and "\n" not in run.reason
     said = "inside the obstacle at the start, by up to 3 at "
     assert (said in run.reason and "is its sign right?" in run.reason) == (status == 2)
+    if status:
+        searched = solved(scene(INCLINE, ("OBSTACLE", obstacle)), accuracy="5%")
+        assert searched.status == 2 and "is its sign right?" in searched.reason
 
 
 @pytest.mark.slow  # runs that are refused

@@ -1,5 +1,6 @@
 """What single rooms add, asked for directly or by a run that shows nothing else."""
 
+import dataclasses
 import importlib
 import pkgutil
 from types import SimpleNamespace
@@ -9,12 +10,15 @@ import pytest
 from mpi4py import MPI
 
 import driver.effects
+from driver.contact.found_nodes import rubbing
 from driver.contact.motion import ObstacleMotion
+from driver.contact.nodes import Nodes
 from driver.effects import (Effect, Effects, compliance_exponent, cycles, large_sliding,
                             normal_compliance, probe, slip_law, springs, tie, wear)
 from driver.errors import InputError
 from driver.march.closure import Closure
 from driver.quantities import QUANTITIES
+from driver.results.summary import Summary
 
 LAW = {"argument": "slip", "range": 2.0, "values": [1.0, 0.5, 0.25]}
 
@@ -46,12 +50,38 @@ def test_a_bound_by_pressure_is_known_by_what_a_law_gives():
     assert effects.pressure_bounds_friction
 
 
+def test_nodes_rub_by_what_laws_give_whatever_these_are_called():
+    """Where supports hold one of two bodies the rows depend on it."""
+    class Sticky(Effect):
+        """A law of friction by a column of its own."""
+
+        def friction_offset(self, contact):
+            return contact.columns["stickiness"] * contact.weight
+
+    manifest = SimpleNamespace(rooms={"sticky": {}}, patterns=[])
+    nodes = Nodes(np.arange(3), *np.zeros((3, 3)), np.array([0.0, 1.0, 1.0]), *np.zeros((2, 3)),
+                  {"stickiness": np.array([2.0, 0.0, 2.0])}, [], {})
+    assert not rubbing([Effect("sticky", manifest)], nodes).any()
+    assert rubbing([Sticky("sticky", manifest)], nodes).tolist() == [True, False, True]
+
+
 def test_every_quantity_of_a_room_has_its_row():
     """Errors of one without unit, kind and caution could not be claimed."""
     rooms = [importlib.import_module(f"driver.effects.{module.name}")
              for module in pkgutil.iter_modules(driver.effects.__path__)]
     declared = {name for room in rooms for name in room.Room.quantities}
     assert declared | {"displacement"} == set(QUANTITIES)
+
+
+def test_what_rooms_say_in_the_summary_is_described():
+    """Entries of `effects`, and values of those that are words."""
+    entries = {field.name: field for field in dataclasses.fields(Summary)}
+    parts = entries["effects"].metadata["parts"]
+    for module in pkgutil.iter_modules(driver.effects.__path__):
+        room = importlib.import_module(f"driver.effects.{module.name}").Room
+        for name, value in room.summary.items():
+            assert name in parts and (value is True or value in parts[name]), (room, name)
+    assert {"cycles", "bodies", "time"} < parts.keys() and "coulomb and tresca" in parts["friction"]
 
 
 def test_slip_accumulates_whatever_its_direction():

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from driver.contact.states import OPEN, SLIP
 from driver.errors import NotConverged
 from driver.march.condensation import Condensation
 from driver.march.fixed_point import FixedPoint
@@ -81,7 +82,15 @@ def test_slip_of_a_free_body_is_found_with_its_own_friction(built, steps_of, nam
     problem = built(scene=named_scene("disc", DISC), element="P2")
     solver, steps = steps_of(problem, rtol=1e-10, friction_rtol=1e-8)
     assert solver.failure is None
-    assert max(steps[-1].residuals.values()) <= 1e-6
+    last, rows = steps[-1], solver.rows
+    pressure, friction = (last.multipliers[row] for row in (rows.normal, rows.tangential))
+    assert (last.status == SLIP).sum() == 6 and not pressure[last.status == OPEN].any()
+    # nodes that slide start apart from the obstacle: half of their way counts
+    way = np.minimum(np.abs(last.gradient[rows.tangential]) / 2 / 0.005, 1.0)
+    bound = 0.5 * (1 + 0.3 * way) * pressure
+    slides = last.status == SLIP
+    np.testing.assert_allclose(np.abs(friction[slides]), bound[slides], rtol=1e-8)
+    assert (np.abs(friction[~slides]) <= bound[~slides]).all()
 
 
 def test_forces_that_hide_the_loads_are_no_start(built, steps_of, named_scene, monkeypatch):

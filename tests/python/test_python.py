@@ -6,7 +6,6 @@ import re
 import shutil
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
@@ -160,10 +159,8 @@ def test_importing_is_cheap_and_running_starts_no_petsc(tmp_path):
             "assert not {'numpy', 'driver.runs', 'driver.options'} & set(sys.modules)\n"
             f"driver.run('patch', out={str(tmp_path / 'out')!r}, errors='no', figures=False)\n"
             "assert not {'petsc4py', 'mpi4py'} & set(sys.modules)\n")
-    clock = time.perf_counter()
     subprocess.run([sys.executable, "-c", code], check=True, timeout=120,
                    env={**os.environ, "PYTHONPATH": children.python_path()})
-    assert time.perf_counter() - clock < 100
 
 
 @pytest.mark.slow

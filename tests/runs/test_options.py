@@ -120,6 +120,15 @@ def test_refusals(command, words, reason):
         options.read(command, parse_pairs(words.split()))
 
 
+@pytest.mark.parametrize("cycles", ["jump", "jump 1%", "10 jump", "until settled"])
+def test_a_search_compares_runs_of_the_same_cycles(cycles):
+    """Jumps, and whether cycles settle, depend on mesh and steps."""
+    given = {"scene": "mindlin", "accuracy": "1%"}
+    with pytest.raises(InputError, match="give their number"):
+        Run.from_pairs({**given, "cycles": cycles})
+    assert Run.from_pairs({**given, "cycles": "10"}).settings["cycles"] == "10"
+
+
 def test_given_options_are_sorted():
     words = "SCENE=model Steps=4 ACCURACY=2%,slip"
     with pytest.raises(InputError, match="ACCURACY chooses STEPS"):

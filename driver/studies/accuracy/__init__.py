@@ -35,7 +35,8 @@ def run_accuracy(pairs: dict[str, str]) -> list[Path]:
         return run_sweeps(pairs)
     for name in pairs:
         if name not in ("part", "out", *READ[part]):
-            raise InputError(f"PART={part} does not read {name.upper()}")
+            known = ", ".join(map(str.upper, ("part", "out", *READ[part])))
+            raise InputError(f"PART={part} does not read {name.upper()}; it reads {known}")
     out = study_folder(given["out"] or options.RESULTS / "accuracy" / part, "accuracy")
     if part in SOLVING:
         environment.start_petsc()
