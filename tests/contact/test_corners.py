@@ -257,6 +257,7 @@ def test_pairs_that_go_on_in_one_another_are_one_boundary(solved, named_scene):
 
 # ---- corners -------------------------------------------------------------------------------------
 
+@pytest.mark.slow  # three runs of six steps
 def test_corner_does_not_know_its_labels(checked, named_scene):
     """The square hole round a peg, one label or four, and cuts: forces of both conditions too."""
     four = named_scene("holes", several("hole", (ROOT / "edp" / "hard" / "hole.edp").read_text()))

@@ -202,6 +202,7 @@ def test_small_changes_that_go_on_are_not_what_tolerances_leave_open(older, befo
     assert found.remaining == pytest.approx(remaining)
 
 
+@pytest.mark.slow  # many cycles
 def test_slow_wear_has_not_settled(solved, named_scene):
     """A held strip loses 1e-5 of its pressure in every cycle, and half of it in 70,000: that is a
     third of what tolerances leave open between cycles (`settled` had been said after the third).
@@ -222,7 +223,8 @@ def test_a_history_is_as_long_as_its_cycles_that_are_computed(jumped, given):
     assert Cycles.total.fget(cycles) == 2 + 8 * 2
 
 
-@pytest.mark.parametrize("stride, steps", [(1, 34), (2, 17)])
+@pytest.mark.parametrize("stride, steps", [
+    (1, 34), pytest.param(2, 17, marks=pytest.mark.slow)])
 def test_a_companion_is_announced_with_the_steps_of_all_its_cycles(exported, strip_scene, stride,
                                                                    steps):
     levels, announced = Levels(strip_scene, {}, None, MPI.COMM_SELF, Settings()), []

@@ -362,6 +362,7 @@ def test_a_curve_of_segments_is_smooth_between_them():
     np.testing.assert_allclose(one, other, atol=1e-6)
 
 
+@pytest.mark.slow  # a grid of 240 lines is followed to rounding
 def test_a_curve_goes_over_ridges_that_end_between_lines_of_its_grid(exported, scene):
     """A ridge of 0.2 by 1 on a grid of 0.14: all pieces are on it, with its tip and its feet.
 

@@ -307,6 +307,7 @@ macro friction() F"""), ("(way*(1. - abs(t - 1.)))", "(label == 1 ? way*(1. - ab
     assert not any("obstacleX" in line for line in run.summary["warnings"])
 
 
+@pytest.mark.slow  # companions of many steps
 def test_a_short_pulse_of_a_path_is_said_and_claimed_for_one_step(solved, scene):
     """Of 1/20 of the history: one step ends where the obstacle was before it."""
     pulse = scene(PAD, ("(way*(1. - abs(t - 1.)))", "(way*max(0., 1. - abs(t - 0.65)/0.05))"))

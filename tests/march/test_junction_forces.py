@@ -147,6 +147,7 @@ def wall(rows: int, length: int) -> str:
         loads=" + ".join(f"traction({label}, 0., -0.2)" for label in below.values()))
 
 
+@pytest.mark.slow  # two runs of a dozen bodies
 def test_a_wall_of_bricks_is_solved_by_its_contact_rows(solved, named_scene):
     """Vertices where three bricks meet: states by forces that go around there had Newton's method
     go to and fro, and thousands of products were taken instead. The same at another cut.

@@ -592,10 +592,11 @@ def test_stiffness_lost_where_none_is_shared(small, read):
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")  # absurd lengths overflow
-def test_a_wild_word_in_what_is_shared_ends_in_no_traceback(sharing, read):
+@pytest.mark.parametrize("stride", [9, pytest.param(2, marks=pytest.mark.slow)])
+def test_a_wild_word_in_what_is_shared_ends_in_no_traceback(sharing, read, stride):
     words = np.fromfile(sharing / "shared.bin", np.int64)
     for k, value in enumerate([-1, 2**40, np.float64(1e300).view(np.int64)]):
-        for at in range(k, len(words), 3):
+        for at in range(k, len(words), stride):
             changed = words.copy()
             changed[at] = value
             changed.tofile(sharing / "shared.bin")
@@ -764,9 +765,10 @@ def test_missing_manifest(small, read):
     refused(read, small, "manifest.json is missing")
 
 
-def test_truncated_manifest(small, read):
+@pytest.mark.parametrize("stride", [17, pytest.param(1, marks=pytest.mark.slow)])
+def test_truncated_manifest(small, read, stride):
     whole = (small / "manifest.json").read_text().rstrip()
-    for size in range(0, len(whole), 5):
+    for size in range(0, len(whole), stride):
         (small / "manifest.json").write_text(whole[:size])
         refused(read, small, "manifest.json is not readable")
 

@@ -340,6 +340,7 @@ def test_monotone_loading_is_proportional(solved):
         assert_close(c[name], times[:, None] * c[name][-1], 1e-6)
 
 
+@pytest.mark.slow  # runs of one and of twenty steps
 def test_step_count_does_not_matter_for_a_monotone_load(solved):
     one, twenty = (solved(loading="monotone", steps=n, **TIGHT) for n in (1, 20))
     for name in ("u_n", "u_t", "sigma_n", "sigma_t"):
