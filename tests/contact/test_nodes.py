@@ -1,9 +1,12 @@
 """Contact nodes from the parts of a boundary that end in a vertex: how many, and which label."""
 
+import re
+
 import numpy as np
 import pytest
 
-from driver.contact.nodes import merge_parts
+from driver import environment
+from driver.contact.nodes import TURN, merge_parts
 from driver.errors import InputError
 
 
@@ -113,3 +116,10 @@ def test_a_support_leaves_a_corner_one_condition_at_a_time(built, named_scene, s
     corner = 2 * np.array([np.cos(np.deg2rad(20)), np.sin(np.deg2rad(20))])
     assert contact.gid[one] == contact.gid[two] and contact.xy[one] == pytest.approx(corner)
     assert conditions == act
+
+
+def test_the_library_and_the_driver_have_corners_alike():
+    """FreeFEM gives a gap and a side to both conditions of what the driver makes two nodes of."""
+    text = (environment.LIBRARY / "contact.idp").read_text()
+    degrees, = re.findall(r"^real sharpest = cos\((\d+)\*pi/180\);", text, re.MULTILINE)
+    assert np.cos(np.radians(float(degrees))) == pytest.approx(TURN, rel=1e-15)
