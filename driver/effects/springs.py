@@ -1,7 +1,7 @@
 """Springs: elastic foundation of boundaries (Winkler), springs at points."""
 
 from ..errors import InputError
-from ..quantities import QUANTITIES
+from ..quantity_table import QUANTITIES
 from . import ESTIMATE, Effect, RunFacts, entry
 
 # at a point a body gives way like the logarithm of the element size: with the motions that springs

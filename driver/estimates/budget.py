@@ -24,7 +24,7 @@ two meshes        error = PAIR |q0 - q1| / (r^q - 1), q = 1; 2 for integrals, wh
 
 with FLOOR, SLOW, PAIR chosen on synthetic sequences, sums of two powers of h and of a disorder of
 order 1 to 1.5 (tests/estimates/test_budget.py): 94 to 99 of 100 errors are covered, and the median
-of error over truth is 2.3 to 3.5; S by quantity (quantities.py) on 397 triples of meshes of shipped
+of error over truth is 2.3 to 3.5; S by quantity (quantity_table.py) on 397 triples of meshes of shipped
 scenes, of which 96 of 100 hold with a median of 3.8; caution.py says where more is needed. The same
 holds for time steps.
 
@@ -48,7 +48,7 @@ import dataclasses
 
 import numpy as np
 
-from ..quantities import QUANTITIES
+from ..quantity_table import QUANTITIES
 
 # orders of the elements for functionals, and of the implicit Euler method. Functionals gain twice
 # the order in the energy norm: 1 with linear elements, with quadratic ones 3/2, as stresses have

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..quantities import QUANTITIES, SUMMED
+from ..quantity_table import QUANTITIES, SUMMED
 from ..units import spelt
 from .budget import main_quantity, vanishing
 

@@ -52,7 +52,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..quantities import HELD, LOCAL, QUANTITIES, SUMMED
+from ..quantity_table import HELD, LOCAL, QUANTITIES, SUMMED
 from ..results.touch import Touch
 from . import sharp_ends
 from .adjoint import held

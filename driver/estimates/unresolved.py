@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..quantities import HELD
+from ..quantity_table import HELD
 from ..results.touch import Touch
 from .budget import Part, vanishing
 from .budget_words import share

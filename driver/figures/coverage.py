@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..files import read_table
-from ..quantities import QUANTITIES
+from ..quantity_table import QUANTITIES
 from .style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RED, SKY, canvas, write
 
 LOOK = dict(zip(QUANTITIES, zip((RED, BLUE, SKY, GREEN, ORANGE, PURPLE, INK, GREY), "^osDvPpX"),

@@ -1,21 +1,12 @@
-"""The quantities of interest: few numbers that users read, each with a limit under refinement.
+"""Values of the quantities of interest, whose meanings and units are in quantity_table.py.
 
-    peak_pressure         largest contact pressure, between nodes by the parabola through three; of
-                          bilateral contact the largest |sigma_n|
-    normal_resultant      contact pressure summed over the contact boundary
-    tangential_resultant  shear traction sigma_t summed over the contact boundary, with its sign;
-                          of several boundaries the magnitudes of both are added, see `resultant`
-    contact_length        length in contact, its ends located between nodes (contact_edges.py)
-    slip                  longest way that a point of the boundary has slid in contact since time 0
-    dissipated_energy     work that friction has taken since time 0 (dissipation.py)
-    worn_volume           what wear has taken away since time 0, where it is declared
-    displacement          largest |u| of a node
+Peaks lie between nodes, by the parabola through three (`largest_pressure`), and so do ends of
+contact (contact_edges.py). Of several boundaries the magnitudes of resultants are added
+(`resultant`); friction's work is of dissipation.py.
 
-Units: stress; stress x length for the resultants; length; stress x length^2 for the energy. Forces
-and energies are per thickness. All but slip, energy and worn volume belong to one moment, the end
-of the load history; where contact carries nothing then, to the step at which it carries most, and
-where it never does, or there is none, and the body is not deformed then, to that of the largest
-displacement.
+All but slip, energy and worn volume belong to one moment, the end of the load history; where
+contact carries nothing then, to the step at which it carries most, and where it never does, or
+there is none, and the body is not deformed then, to that of the largest displacement.
 """
 
 import numpy as np

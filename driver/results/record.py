@@ -6,7 +6,7 @@ from ..contact.states import ContactField
 from ..feti.operator import DualOperator
 from ..march.quasistatic import QuasistaticSolver
 from ..march.step import Step
-from ..quantities import OF_FORCES
+from ..quantity_table import OF_FORCES
 from . import dissipation
 from .contact_state import WEAR, ContactState, less_wear
 from .contact_edges import NODES, chains, contact_length

@@ -171,7 +171,7 @@ class Summary:
         "settled_after": "cycle from which on all were settled; null if the last is not",
         "error": "by how much all jumps together may err in what grows, a length",
         "last": "row of cycles.csv of the last cycle"})
-    quantities: dict | None = entry("quantities of interest", "see quantities.py", optional=True)
+    quantities: dict | None = entry("quantities of interest", "see below", optional=True)
     quantities_time: float | None = entry("the time they belong to", "time", optional=True)
     obstacle_motion: dict | None = entry(
         "of every label that meets an obstacle which moves: its shift_x, shift_y and angle, as far "

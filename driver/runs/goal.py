@@ -28,7 +28,7 @@ from ..estimates.caution import FAST
 from ..estimates.free_peak import ROUNDING, UNSEEN
 from ..estimates.successive import mesh_parts
 from ..estimates.unresolved import at_corners
-from ..quantities import HELD
+from ..quantity_table import HELD
 from .tolerances import TOLERANCES
 from .trials import Trials
 

@@ -16,6 +16,7 @@ from pathlib import Path
 
 from .. import environment, options
 from ..files import read_rows
+from ..quantity_table import QUANTITIES
 from ..results import summary, tables
 from ..runs.run import Run, execute
 from ..scene import freefem
@@ -245,6 +246,16 @@ def entries() -> str:
         (f"`{row['entry']}`", _unit(row), row["meaning"]) for row in summary.reference()])
 
 
+def quantities() -> str:
+    """What the quantities of interest are."""
+    rows = []
+    for name, quantity in QUANTITIES.items():
+        parts = [part if power == 1 else f"{part}^{power}"
+                 for part, power in zip(("stress", "length"), quantity.unit) if power]
+        rows.append((f"`{name}`", " ".join(parts), quantity.meaning))
+    return markdown(("quantity", "unit", "meaning"), rows)
+
+
 def _unit(row: dict[str, str]) -> str:
     """The unit of a column or entry; nothing for text and numbers without one."""
     return "" if row["unit"] == "1" else row["unit"]
@@ -328,6 +339,6 @@ def _imported(folder: Path) -> list[str]:
 
 
 BLOCKS = {block.__name__: block for block in (
-    calls, macros, effects, estimates, gallery, columns, entries, measured, coverage, prices,
-    slides, commands, options.reference, house)}
+    calls, macros, effects, estimates, gallery, columns, entries, quantities, measured, coverage,
+    prices, slides, commands, options.reference, house)}
 BLOCKS["options"] = BLOCKS.pop("reference")

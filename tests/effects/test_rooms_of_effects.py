@@ -17,7 +17,7 @@ from driver.effects import (Effect, Effects, compliance_exponent, cycles, large_
                             normal_compliance, probe, slip_law, springs, tie, wear)
 from driver.errors import InputError
 from driver.march.closure import Closure
-from driver.quantities import QUANTITIES
+from driver.quantity_table import QUANTITIES
 from driver.results.summary import Summary
 
 LAW = {"argument": "slip", "range": 2.0, "values": [1.0, 0.5, 0.25]}
