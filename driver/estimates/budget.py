@@ -24,9 +24,9 @@ two meshes        error = PAIR |q0 - q1| / (r^q - 1), q = 1; 2 for integrals, wh
 
 with FLOOR, SLOW, PAIR chosen on synthetic sequences, sums of two powers of h and of a disorder of
 order 1 to 1.5 (tests/estimates/test_budget.py): 94 to 99 of 100 errors are covered, and the median
-of error over truth is 2.3 to 3.5; S by quantity (quantity_table.py) on 397 triples of meshes of shipped
-scenes, of which 96 of 100 hold with a median of 3.8; caution.py says where more is needed. The same
-holds for time steps.
+of error over truth is 2.3 to 3.5; S by quantity (quantity_table.py) on 397 triples of meshes of
+shipped scenes, of which 96 of 100 hold with a median of 3.8; caution.py says where more is needed.
+The same holds for time steps.
 
 mesh      the same run on meshes with elements 2 and 4 times as long, or of the cycles before
           (ADAPT)
