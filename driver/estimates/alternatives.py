@@ -79,7 +79,7 @@ class Alternatives:
     # ---- kinds -----------------------------------------------------------------------------------
     def kinds(self) -> list:
         """All kinds of meshes that the scene can have."""
-        if self.levels.cycles:
+        if self.levels.refined:
             return self._of_cycles()
         own = self._own()
         kinds = [kind for kind in (own, self._other(own), self._refined(own)) if kind]
@@ -188,7 +188,7 @@ class Alternatives:
     def _of_cycles(self) -> list[Adaptive]:
         """Cycles beyond those of a run that was refined itself."""
         errors = self._errors()[::-1]
-        unknowns = [self._unknowns(cycle=k) for k in range(len(self.levels.cycles))]
+        unknowns = [self._unknowns(cycle=k) for k in range(len(self.levels.refined))]
         known = len(unknowns) + 1 - len(errors)
         size = self.manifest.parameters[self.knob]
         words = {} if self.manifest.element == "P1" else {"ELEMENT": self.manifest.element}

@@ -48,7 +48,7 @@ class Companions:
         self.operator, self.step = problem.operator, step
         self.singular, touch = record.singular_places(), record.touch(self.at)
         error, element = unresolved.energy_error(energy), problem.manifest.element
-        self.caution = caution.Caution.of(problem, touch, sizes, error, bool(levels.cycles),
+        self.caution = caution.Caution.of(problem, touch, sizes, error, bool(levels.refined),
                                   stand_for_curves(problem),
                                   unresolved.seen(energy, smoothed, self.at + 1))
         self.unresolved = unresolved.parts(self.values, error, touch, element, bool(sizes),
@@ -68,7 +68,7 @@ class Companions:
         levels.problems[()] = problem
         self.knob = mesh_knob(self.manifest.parameters)
         self.notes = []
-        self.meshes, self.ratios = self._adapted() if levels.cycles else self._uniform()
+        self.meshes, self.ratios = self._adapted() if levels.refined else self._uniform()
         self.base = self.meshes[1 if len(self.meshes) > 1 else 0]  # companions for other parts
 
     def _uniform(self) -> tuple[list[dict], list[float]]:
@@ -90,7 +90,7 @@ class Companions:
 
         It does so where a uniform mesh does not: the number of its elements would say too little.
         """
-        meshes = [{}, *({"cycle": k} for k in reversed(range(len(self.levels.cycles))))][:3]
+        meshes = [{}, *({"cycle": k} for k in reversed(range(len(self.levels.refined))))][:3]
         return meshes, [2.0] * (len(meshes) - 1)
 
     def _meshed(self, size: float) -> bool:
@@ -134,8 +134,8 @@ class Companions:
 
     def remedies(self) -> dict[str, str]:
         """For every part the setting that lowers it, as on the command line."""
-        if self.levels.cycles:
-            mesh = f"ADAPT={len(self.levels.cycles) + 1}"
+        if self.levels.refined:
+            mesh = f"ADAPT={len(self.levels.refined) + 1}"
         else:
             size = self.manifest.parameters[self.knob]
             mesh = name_of(self.knob, 2 * size if self.knob == "cells" else size / 2)

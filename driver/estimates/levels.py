@@ -66,15 +66,15 @@ class Levels:
     """Meshes and finished runs of one scene."""
 
     def __init__(self, scene: Path, parameters: dict[str, str], folder: Path, comm,
-                 settings: Settings, cycles=(), without=()):
+                 settings: Settings, refined=(), without=()):
         """`parameters` of the command line; exports go to `folder`, which `close` removes.
 
-        `settings`: of the runs about which contact is linearized, if they ask for that. `cycles`:
+        `settings`: of the runs about which contact is linearized, if they ask for that. `refined`:
         directories of finished cycles of adaptive refinement, whose exports are the meshes cycle=0,
         1, ... `without`: effects treated as undeclared.
         """
         self.scene, self.parameters, self.settings = scene, parameters, settings
-        self.folder, self.comm, self.cycles, self.without = folder, comm, cycles, without
+        self.folder, self.comm, self.refined, self.without = folder, comm, refined, without
         self.watch = None  # told of runs and their steps, see runs/watch.py
         self.plan: list | None = None  # cycles of the run that were jumped over after each
         self.problems: dict = {}
@@ -114,9 +114,9 @@ class Levels:
             return self.exported(self.place(**changes), changes)
         cycle, more = changes["cycle"], {k: v for k, v in changes.items() if k != "cycle"}
         if not more:
-            return linearized(assemble(self.cycles[cycle] / "export", self.comm), self.settings,
+            return linearized(assemble(self.refined[cycle] / "export", self.comm), self.settings,
                               self.comm)
-        sizes = self.cycles[cycle - 1] / STEM if cycle else None
+        sizes = self.refined[cycle - 1] / STEM if cycle else None
         return self.exported(self.place(**changes), more, sizes, tuple(sorted(changes.items())))
 
     def exported(self, place: Path, changes: dict, sizes: Path | None = None,

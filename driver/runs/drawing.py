@@ -23,7 +23,7 @@ def drawn_aside(directory: Path, request: Request, nodes: int, ranks: int):
 
     Nothing is drawn where ranks keep the cores busy, or where figures show more than the run.
     """
-    if (not request.figures or request.cycles or ranks > 1 or processes.CORES == 1
+    if (not request.figures or request.refined or ranks > 1 or processes.CORES == 1
             or nodes > SMALL):
         yield lambda: False
         return

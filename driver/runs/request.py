@@ -22,7 +22,7 @@ class Request:
     errors: str = "yes"  # estimates of all errors, "energy": that of the energy norm alone, or "no"
     accuracy: tuple[float, str] | None = None  # relative error to reach, and the quantity
     quantity: str = ""  # whose price the run ends with; by default the first
-    cycles: tuple[str, ...] = ()  # directories of the refinement cycles before this run
+    refined: tuple[str, ...] = ()  # directories of the refinement cycles before this run
     refine: bool = False  # this is such a cycle: leave the element sizes of the next mesh
     study: str = ""  # parameter of a study ...
     values: tuple[str, ...] = ()  # ... and its values
@@ -46,7 +46,7 @@ class Request:
     def read(cls, directory: Path) -> "Request":
         """The request in `directory`."""
         entries = json.loads((directory / NAME).read_text())
-        for name in ("without", "accuracy", "cycles", "values"):  # JSON knows lists only
+        for name in ("without", "accuracy", "refined", "values"):  # JSON knows lists only
             if entries[name] is not None:
                 entries[name] = tuple(entries[name])
         return cls(**entries)

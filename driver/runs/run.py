@@ -120,7 +120,7 @@ def execute(run: Run, since: float | None = None) -> dict:
             with launch.Ranks(place.path, search, run.front_ranks) as ranks:
                 status, reason = solve(run, ranks, Request.of(run))
         else:
-            request = Request.of(run, cycles=tuple(map(str, cycles)))
+            request = Request.of(run, refined=tuple(map(str, cycles)))
             status, reason = _cycle(run, place, place.path, cycles, request)
         if not (place.path / "summary.json").exists():
             raise error_of(status, reason)

@@ -291,7 +291,7 @@ def _budget(errors: dict, directory: Path, request: Request, problem: Problem, w
 
     settings = Settings(**{**request.settings, "uniqueness": "no"})
     levels = Levels(Path(request.script), request.parameters, directory / "companions",
-                    writer.operator.comm, settings, [Path(place) for place in request.cycles],
+                    writer.operator.comm, settings, [Path(place) for place in request.refined],
                     request.without)
     watch = Watch(request.scene, request.quiet or writer.operator.comm.rank > 0)
     if writer.solver.cycles is not None:

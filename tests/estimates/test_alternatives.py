@@ -24,7 +24,7 @@ class Scene:
         self.meshes = [{}, *({knob: s} for s in sizes[1:])]
         if cycles:
             self.meshes = [{}, *({"cycle": k} for k in reversed(range(cycles)))][:3]
-        self.size, self.cycles = size, ["a folder"] * cycles
+        self.size, self.refined = size, ["a folder"] * cycles
         self.strides = SimpleNamespace(of_coarse_meshes=2, up_to=lambda wanted: wanted,
                                        misses=lambda stride: False)
         self.manifest = SimpleNamespace(parameters={knob: size}, element=element)
@@ -34,7 +34,7 @@ class Scene:
     def length(self, mesh):
         """Of the elements of a mesh."""
         if "cycle" in mesh:  # of those before the run's own
-            return self.size * 2.0 ** (len(self.cycles) - mesh["cycle"])
+            return self.size * 2.0 ** (len(self.refined) - mesh["cycle"])
         size = mesh.get(self.knob, self.size)
         size = mesh.get("refined", size)
         length = size if self.knob == "h" else 1 / size

@@ -134,7 +134,7 @@ class Linear:
     FACTORS = {"rtol": 1.0, "primal_rtol": 30.0, "friction_rtol": 1000.0}
 
     def __init__(self):
-        self.problems, self.cycles, self.plan = {}, (), None
+        self.problems, self.refined, self.plan = {}, (), None
 
     def problem(self, **_changes):
         """Any mesh can be had, and no load acts on its edges."""
@@ -346,7 +346,7 @@ def test_a_finer_mesh_is_one_that_people_would_type(knob, size, factor, expected
     ("remesh", 1.0, [], "REMESH=0.5")])
 def test_what_halves_elements_lowers_their_error(knob, size, cycles, expected):
     companions = SimpleNamespace(
-        knob=knob, levels=SimpleNamespace(cycles=cycles), jumps=None,
+        knob=knob, levels=SimpleNamespace(refined=cycles), jumps=None,
         effects=SimpleNamespace(quasistatic=True),
         manifest=SimpleNamespace(parameters={knob: size}, steps=20),
         settings=SimpleNamespace(rtol=1e-6, friction_rtol=1e-5, cycles=None))

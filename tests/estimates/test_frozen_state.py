@@ -216,7 +216,7 @@ def test_coarse_meshes_see_the_turns_of_obstacles():
 def test_a_cycle_with_other_steps_has_its_mesh_and_those_steps():
     """From its export where nothing else is asked for; else by the sizes the cycle before left."""
     of, asked = object.__new__(Levels), []
-    of.folder, of.cycles = Path("runs"), [Path("first"), Path("second")]
+    of.folder, of.refined = Path("runs"), [Path("first"), Path("second")]
     of.exported = lambda *words: asked.append(words)
     of._assemble({"cycle": 1, "sampling": 4})
     of._assemble({"cycle": 0, "sampling": 4})
@@ -229,13 +229,13 @@ def test_what_lowers_each_part_is_said():
     """The mesh by half a size or twice as many cells, all else by its own option."""
     of = object.__new__(Companions)
     of.settings, of.jumps = Settings(rtol=1e-6, friction_rtol=1e-4), None
-    of.levels, of.effects = SimpleNamespace(cycles=()), SimpleNamespace(quasistatic=True)
+    of.levels, of.effects = SimpleNamespace(refined=()), SimpleNamespace(quasistatic=True)
     for knob, size, words in (("h", 0.5, "H=0.25"), ("cells", 6, "CELLS=12"),
                               ("remesh", 1.0, "REMESH=0.5")):
         of.knob, of.manifest = knob, SimpleNamespace(steps=5, parameters={knob: size})
         assert of.remedies() == {"mesh": words, "time": "STEPS=10", "friction":
                                  "FRICTION_RTOL=1e-05", "solver": "RTOL=1e-07"}
-    of.levels.cycles = (1, 2)
+    of.levels.refined = (1, 2)
     assert of.remedies()["mesh"] == "ADAPT=3"
 
 

@@ -184,7 +184,7 @@ def companions(fails=(), **more) -> Companions:
         if "fine" in fails:
             raise InputError("too many")
 
-    of.levels = SimpleNamespace(run=run, problem=problem, cycles=())
+    of.levels = SimpleNamespace(run=run, problem=problem, refined=())
     of.settings, of.notes, of.values = Settings(), [], {"slip": 1.01}
     of.base, of.manifest = {"h": 1}, SimpleNamespace(steps=2, element="P1", between={})
     of.knob, of.jumps, of.summed = "h", None, {}

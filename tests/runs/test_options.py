@@ -147,7 +147,7 @@ def test_lists_keep_their_order_and_lose_repetitions():
 def test_requests_survive_their_file(tmp_path):
     """Ranks of their own get what this process would have used."""
     run = Run.from_pairs({"scene": "model", "max_products": "70", "without": "friction"})
-    request = Request.of(run, cycles=("a", "b"), study="friction", values=("0.1", "0.2"),
+    request = Request.of(run, refined=("a", "b"), study="friction", values=("0.1", "0.2"),
                          fingerprint={"program": "x"}, seconds={"export": 0.1})
     request.write(tmp_path)
     assert Request.read(tmp_path) == request and request.settings == {"max_products": 70}
