@@ -22,10 +22,15 @@ OF_SLIP = ("slip", "dissipated_energy")
 ALIKE = ("normal_resultant", "displacement")  # of meshes of the same problem
 
 
+def _steps(energy: dict | None) -> list[dict]:
+    """The steps of the entry of energy.report."""
+    return [energy or {}, *((energy or {}).get(name, {}) for name in ("largest", "carrying"))]
+
+
 def energy_error(energy: dict | None) -> float:
     """Largest relative error of the mesh in the energy norm, of the entry of energy.report."""
-    return max((estimate["mesh"] / estimate["norm"] for estimate in (
-        energy or {}, (energy or {}).get("largest", {})) if estimate.get("norm")), default=0.0)
+    return max((estimate["mesh"] / estimate["norm"] for estimate in _steps(energy)
+                if estimate.get("norm")), default=0.0)
 
 
 def blind(energy: dict | None, smoothed: float | None, step: int) -> bool:
@@ -44,7 +49,7 @@ def seen(energy: dict | None, smoothed: float | None, step: int) -> float:
     """
     if not energy or energy.get("kind") != "equilibrated" or smoothed is None:
         return 1.0
-    bounds = [entry["mesh"] for entry in (energy, energy.get("largest", {}))
+    bounds = [entry["mesh"] for entry in _steps(energy)
               if entry.get("step") == step and entry.get("mesh")]
     return min((smoothed / bound for bound in bounds), default=1.0)
 

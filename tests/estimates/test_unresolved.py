@@ -83,6 +83,46 @@ def test_resultants_that_loads_give_are_claimed_whatever_the_mesh(flat, stays):
     assert found["normal_resultant"].error is None
 
 
+def test_errors_of_the_step_that_quantities_belong_to_count():
+    """As `carrying`, where contact is lost at the end of the history."""
+    entry = {"kind": "equilibrated", "step": 3, "mesh": 0.1, "norm": 1.0,
+             "carrying": {"step": 2, "mesh": 0.3, "norm": 1.0}}
+    assert unresolved.energy_error(entry) == pytest.approx(0.3)
+    assert unresolved.blind(entry, 0.03, 2) and not unresolved.blind(entry, 0.03, 3)
+
+
+LOST = """include "scene.idp"
+quasistatic(1.);
+real h = meshSize(1.);
+func real n(real l) { return max(1., rint(l/h)); }
+border a(t=0, 40) { x = t; y = 0; label = 1; }
+border stop(t=40, 50) { x = t; y = 0; label = 9; }
+border b(t=0, 6) { x = 50; y = t; label = 2; }
+border c(t=50, 0) { x = t; y = 6; label = 3; }
+border d(t=6, 0) { x = 0; y = t; label = 4; }
+body = buildmesh(a(n(40)) + stop(n(10)) + b(n(6)) + c(n(50)) + d(n(6)));
+macro young() 70e3 //
+macro poisson() 0.33 //
+macro support() on(4, u1 = 0., u2 = 0.) //
+macro load1() pressure(3, 1.) //
+macro amplitude1(t) sin(1.2*pi*t) //
+macro contact() 9 //
+macro gap() 0.005 //
+include "export.idp"
+"""
+
+
+@pytest.mark.slow  # companions
+def test_contact_that_is_lost_at_the_end_has_an_adjoint_problem_and_claims(solved, named_scene):
+    """Four nodes of the stop touch; without its adjoint problem nothing could be claimed."""
+    run = solved(named_scene("lost", LOST), errors="yes", element="P2", steps=5)
+    errors = run.summary["errors"]
+    assert "normal_resultant" in errors["adjoint"]["quantities"]
+    assert 0 < errors["quantities"]["normal_resultant"]["relative"] < 0.05
+    assert 0 < errors["quantities"]["displacement"]["relative"] < 0.1
+    assert errors["energy"]["carrying"]["step"] < errors["energy"]["step"]
+
+
 def test_a_mesh_that_makes_another_problem_tells_nothing():
     """Polygons that overlap where circles have play press forty times as hard."""
     fine, middle = VALUES, VALUES | {"normal_resultant": 110.0}
