@@ -3,6 +3,7 @@ its error that follow from them (budget.py).
 """
 
 import dataclasses
+from functools import partial
 
 from ..errors import DriverError
 from ..march.problem import Problem
@@ -51,8 +52,8 @@ class Companions:
         self.caution = caution.Caution.of(problem, touch, sizes, error, bool(levels.cycles),
                                   stand_for_curves(problem),
                                   unresolved.seen(energy, smoothed, self.at + 1))
-        self.unresolved = unresolved.parts(self.values, error, touch, element, bool(sizes),
-                                           unresolved.blind(energy, smoothed, self.at + 1))
+        self.unresolved = partial(unresolved.parts, self.values, error, touch, element,
+                                  bool(sizes), unresolved.blind(energy, smoothed, self.at + 1))
         self.begins = lambda name, names: None  # takes the stage that begins, and all of them
         self.levels, self.manifest, self.settings = levels, problem.manifest, settings
         self.effects = problem.effects
@@ -207,8 +208,11 @@ class Companions:
             peaks = self._peaks(len(good), stride) if self.step else []
             parts["displacement"] = self.caution.beside(
                 parts["displacement"], self.values["displacement"], peaks, touches, self.ratios)
+        if left := unresolved.halvings(touches, self.ratios):
+            parts = unresolved.of_corners(parts, good[0], self.ratios[0], left)
         parts = unresolved.claimable(parts, self.values, self.caution.touch.nodes > 0)
-        return unresolved.known(parts, self.unresolved, self.values, self.caution.touch)
+        return unresolved.known(parts, self.unresolved(corners=left > 0), self.values,
+                                self.caution.touch)
 
     def _peaks(self, pairs: int, stride: int) -> list[tuple[Peaks, Peaks]]:
         """Of the first `pairs` of finer and coarser meshes, finest first."""
