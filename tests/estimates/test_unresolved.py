@@ -268,7 +268,7 @@ def test_a_search_claims_what_steps_leave_open_of_a_slip(stride, error):
     of = object.__new__(trials.Trials)
     of.sizes, of.stride, of.total = [1.0], stride, 8
     of.parts = {"time": dict.fromkeys(VALUES, Part(0.0))}
-    of.level = lambda size, *_: SimpleNamespace(values=VALUES, record=SimpleNamespace(
+    of.level = lambda size, *_: SimpleNamespace(values=VALUES, at=7, record=SimpleNamespace(
         arrivals=lambda: 0.3))
     found = of.budget()
     assert found["slip"]["time"] == pytest.approx(error) and found["displacement"]["time"] == 0.0
@@ -279,7 +279,7 @@ def test_a_search_says_of_too_few_steps_what_it_claims():
     of = object.__new__(trials.Trials)
     of.sizes, of.stride, of.total, of.name, of.asked = [1.0], 1, 8, "slip", 0.01
     of.parts = {"time": dict.fromkeys(VALUES, Part(0.0))}
-    of.level = lambda size, *_: SimpleNamespace(values=VALUES, record=SimpleNamespace(
+    of.level = lambda size, *_: SimpleNamespace(values=VALUES, at=7, record=SimpleNamespace(
         arrivals=lambda: 0.3))
     claimed = of.budget()["slip"]["time"]
     with pytest.raises(NotConverged, match=re.escape(
