@@ -68,6 +68,40 @@ def of_obstacles(motion, steps: int, stride: int = 1) -> dict[str, tuple[float, 
     return found
 
 
+def of_instant(manifest, index: int, beside: list[dict]) -> dict[str, float]:
+    """What steps leave open of the quantities in that with an `index`, where they are largest: they
+    may be larger between it and the steps `beside` it, whose quantities go with its own.
+
+    By the parabola through the three, and by how far loads go there beyond what they are in these
+    steps, times what the quantity changes by between these steps over what the load does; where
+    the load goes farther beyond them than it changes, times the quantity over the load.
+    """
+    ends = np.arange(max(index, 1), min(index + 2, manifest.steps) + 1)
+    found = {}
+    for name in beside[0]:
+        values = np.array([each[name] for each in beside])
+        away = 0.0
+        if len(values) == 3:
+            bend, slope = 2 * values[1] - values[0] - values[2], (values[2] - values[0]) / 2
+            away = slope**2 / (2 * abs(bend)) if abs(bend) > abs(slope) else 0.0
+        beyond = sum(_beyond(fine, per_step, ends, values)
+                     for _, _, fine, per_step in _histories(manifest))
+        found[name] = float(max(away, beyond))
+    return found
+
+
+def _beyond(fine: np.ndarray, per_step: int, ends: np.ndarray, values: np.ndarray) -> float:
+    """Change of a quantity by what a history does beyond its values at the steps `ends`."""
+    at_ends = fine[ends * per_step]
+    between = fine[ends[0] * per_step:ends[-1] * per_step + 1]
+    excess = max(between.max() - at_ends.max(), at_ends.min() - between.min())
+    if excess <= ROUNDING * np.abs(at_ends).max():
+        return 0.0
+    if np.ptp(at_ends) > excess:
+        return float(excess * np.ptp(values) / np.ptp(at_ends))
+    return float(excess * np.abs(values).max() / max(np.abs(at_ends).max(), excess))
+
+
 def half_turns(motion) -> list[str]:
     """A line where a step turns an obstacle by half a turn or more, of an ObstacleMotion or None.
 

@@ -3,6 +3,7 @@ its error that follow from them (budget.py).
 """
 
 import dataclasses
+from functools import partial
 
 from ..errors import DriverError
 from ..march.problem import Problem
@@ -10,7 +11,7 @@ from ..march.step import Step
 from ..options import Settings
 from ..results.record import Record
 from . import caution, jumps, soundness, unresolved
-from .between_steps import Strides, finer
+from .between_steps import Strides, finer, of_instant
 from .budget import (OF_TIME, Part, coarser, extrapolate, formal_order, mesh_knob, name_of,
                      located, of_one_step, ratio, summed)
 from .budget_words import advice
@@ -44,6 +45,7 @@ class Companions:
         """`record` of the run of `problem` with `settings`; `sizes` and `smoothed` as of
         adjoint.assess, `energy` the entry of energy.report. `step`: that of the quantities.
         """
+        self.record = record
         self.values, self.at = record.quantities()
         self.operator, self.step = problem.operator, step
         self.singular, touch = record.singular_places(), record.touch(self.at)
@@ -51,8 +53,8 @@ class Companions:
         self.caution = caution.Caution.of(problem, touch, sizes, error, bool(levels.refined),
                                   stand_for_curves(problem),
                                   unresolved.seen(energy, smoothed, self.at + 1))
-        self.unresolved = unresolved.parts(self.values, error, touch, element, bool(sizes),
-                                           unresolved.blind(energy, smoothed, self.at + 1))
+        self.unresolved = partial(unresolved.parts, self.values, error, touch, element,
+                                  bool(sizes), unresolved.blind(energy, smoothed, self.at + 1))
         self.begins = lambda name, names: None  # takes the stage that begins, and all of them
         self.levels, self.manifest, self.settings = levels, problem.manifest, settings
         self.effects = problem.effects
@@ -162,7 +164,9 @@ class Companions:
         self.given = caution.by_balance(self.values, parts["mesh"])
         if timed:
             self.begins(OF_STEPS, stages)
-            parts["time"] = self._time(_known(parts["mesh"]))
+            alone = not effects.frictional and self.strides.motion is None
+            parts["time"] = {} if alone else self._time(_known(parts["mesh"]))
+            parts["time"] |= self._of_instant(parts["time"])
             if "slip" in self.values:
                 parts["time"]["slip"] = located(parts["time"]["slip"], OF_TIME * self.arrivals)
         elif self.open_work and not effects.quasistatic:
@@ -207,8 +211,11 @@ class Companions:
             peaks = self._peaks(len(good), stride) if self.step else []
             parts["displacement"] = self.caution.beside(
                 parts["displacement"], self.values["displacement"], peaks, touches, self.ratios)
+        if left := unresolved.halvings(touches, self.ratios):
+            parts = unresolved.of_corners(parts, good[0], self.ratios[0], left)
         parts = unresolved.claimable(parts, self.values, self.caution.touch.nodes > 0)
-        return unresolved.known(parts, self.unresolved, self.values, self.caution.touch)
+        return unresolved.known(parts, self.unresolved(corners=left > 0), self.values,
+                                self.caution.touch)
 
     def _peaks(self, pairs: int, stride: int) -> list[tuple[Peaks, Peaks]]:
         """Of the first `pairs` of finer and coarser meshes, finest first."""
@@ -255,6 +262,14 @@ class Companions:
         counts = [len(samples(self.manifest, stride)) - 1 for stride in strides]
         ratios = [a / b for a, b in zip(counts, counts[1:])]
         return self._parts("time", list(zip(values, values[1:])), ratios)
+
+    def _of_instant(self, found: dict[str, Part]) -> dict[str, Part]:
+        """The parts `found` of steps, no less than what is open of a moment before the end."""
+        least, steps = dict.fromkeys(self.values, 0.0), self.manifest.steps
+        if self.at < steps - 1 and len(self.record.displacements) == steps:  # no cycles in between
+            least |= {name: OF_TIME * size for name, size in of_instant(
+                self.manifest, self.at, self.record.beside(self.at)).items()}
+        return {name: located(found.get(name, Part(0.0)), least[name]) for name in least}
 
     def _telling(self) -> dict:
         """The mesh on which steps are compared: the run's own where so few nodes touch on the next

@@ -1,5 +1,8 @@
 """Estimates of the error in the energy norm for a run's last and most energetic steps.
 
+Where contact carries nothing in the last step, quantities belong to that in which it carries most:
+that is estimated as well.
+
 Of P1 elements it is the bound of `bound`. Of quadratic ones, where an effect of the scene leaves
 no bound (its room says why), or where ESTIMATOR says so, it is the difference between the computed
 and a recovered stress: an estimate, low where stresses are singular.
@@ -11,6 +14,7 @@ import numpy as np
 
 from ..effects import Effects
 from ..march.step import Step
+from ..results.quantities import NOTHING as LEFT
 from ..scene.manifest import Manifest
 from . import recovery
 from .bound import (COULOMB, EARLIER, EXCLUDED, EquilibratedBound, Estimate,
@@ -36,7 +40,7 @@ class EnergyEstimator:
         self.kind = "recovery" if self.why else kind
         self.gather = Gather(operator)
         self.bound = None
-        self.last = self.largest = None  # (energy, step, contact state)
+        self.last = self.largest = self.carrying = None  # (energy, step, contact state)
 
     def _no_bound(self) -> str:
         """Why smoothed stresses take the place of the bound; empty where they do not."""
@@ -49,6 +53,18 @@ class EnergyEstimator:
         self.last = (energy, step, state)
         if self.largest is None or energy > (1 + 1e-9) * self.largest[0]:
             self.largest = self.last
+        if self.carrying is None or self._carried(self.last) > self._carried(self.carrying):
+            self.carrying = self.last
+
+    def _carried(self, kept: tuple) -> float:
+        """What contact carries in a step that is kept."""
+        pressure = np.abs(kept[2].get("sigma_n", np.zeros(0)))
+        return float(pressure @ self.contact.boundary.weight) if len(pressure) else 0.0
+
+    def kept(self, index: int) -> Step | None:
+        """The step of an index, if it is one of those that are kept."""
+        steps = (k[1] for k in (self.last, self.largest, self.carrying) if k is not None)
+        return next((step for step in steps if step.index == index), None)
 
     @cached_property
     def body(self) -> TornBody | None:
@@ -60,6 +76,20 @@ class EnergyEstimator:
         """The last step and that with most energy, if another one, with their contact states."""
         kept = [k for k in (self.last, self.largest) if k is not None]
         return [(step, state) for _, step, state in {k[1].index: k for k in kept}.values()]
+
+    def unloaded(self, estimates: list[tuple[Step, Estimate]]) -> Estimate | None:
+        """Of the step in which contact carries most, if it carries nothing in the last one and
+        the step is in none of the `estimates`; the same on all ranks.
+        """
+        if not estimates:
+            return None
+        most = self._carried(self.carrying)
+        if not most or self._carried(self.last) > LEFT * most:
+            return None
+        _, step, state = self.carrying
+        if step.index in (other.index for other, _ in estimates):
+            return None
+        return self.operator.comm.bcast(self._estimate(step, state))
 
     def estimates(self) -> list[tuple[Step, Estimate]]:
         """Of the last step and that with most energy, if another one; the same on all ranks.
@@ -135,25 +165,29 @@ def excluded(manifest: Manifest) -> list[str]:
             *([COULOMB] if effects.pressure_bounds_friction else [])]
 
 
-def report(estimates: list[tuple[Step, Estimate]], kind: str, left_out=(), why: str = "") -> dict:
+def report(estimates: list[tuple[Step, Estimate]], kind: str, left_out=(), why: str = "",
+           carrying: Estimate | None = None) -> dict:
     """Entry for summary.json: of the last step and, as `largest`, of that with most energy.
 
-    `left_out`: what a bound of this scene does not bound; `why` it has none.
+    `left_out`: what a bound of this scene does not bound; `why` it has none; `carrying`: as of
+    `unloaded`.
     """
     if not estimates:
         return {"kind": kind}
-    entries = []
-    for _, e in estimates:
-        if e.reason:
-            entries.append({"step": e.step, "reason": e.reason})
-            continue
-        names = ("mesh", "solver", "friction", "correction", "total", "coupling", "norm")
-        entries.append({"step": e.step, **{name: float(getattr(e, name)) for name in names},
-                        "relative": float(e.total / e.norm) if e.norm > 0 else 0.0})
+    entries = [_entry(e) for _, e in estimates]
     smoothed = ": ".join(filter(None, ("an estimate by smoothed stresses, no bound", why)))
     named = {"excluded": list(left_out)} if kind == "equilibrated" else {"why": smoothed}
     return {"kind": kind, **entries[0], **({"largest": entries[1]} if len(entries) > 1 else {}),
-            **named}
+            **({"carrying": _entry(carrying)} if carrying else {}), **named}
+
+
+def _entry(e: Estimate) -> dict:
+    """An estimate in summary.json."""
+    if e.reason:
+        return {"step": e.step, "reason": e.reason}
+    names = ("mesh", "solver", "friction", "correction", "total", "coupling", "norm")
+    return {"step": e.step, **{name: float(getattr(e, name)) for name in names},
+            "relative": float(e.total / e.norm) if e.norm > 0 else 0.0}
 
 
 def of_level(problem, level, kind: str) -> dict:

@@ -39,9 +39,12 @@ def mesh_parts(problems: list, levels: list[Level], ratios: list[float], name: s
         found["displacement"] = caution.beside(
             found["displacement"], values[0]["displacement"], list(zip(peaks, peaks[1:])),
             touches, ratios)
+    if left := unresolved.halvings(touches, ratios):
+        found = unresolved.of_corners(found, good[0], ratios[0], left)
     # what is asked for goes on from errors of any size
     found = unresolved.claimable(found, values[0], touches[0].nodes > 0) | {name: found[name]}
     unknown = unresolved.parts(values[0], error, touches[0], problem.manifest.element,
                                bool(adjoints),
-                               unresolved.blind(energy, said.get("smoothed"), finest.at + 1))
+                               unresolved.blind(energy, said.get("smoothed"), finest.at + 1),
+                               left > 0)
     return unresolved.known(found, unknown, values[0], touches[0])

@@ -1,10 +1,18 @@
-"""Which errors a mesh that does not resolve the solution leaves unknown."""
+"""Which errors a mesh that does not resolve the solution leaves unknown.
+
+Contact of a node or two acts where a node is, which the mesh has chosen. At the corner of a body it
+acts at the corner, on any mesh: what meshes miss there is how the body yields around it, which
+grows like log(h/w), w the width of contact that none of them resolves. Halved elements change
+forces and displacements by about as much each time until they are as short as w: so many times
+what the last two meshes differ by is what is claimed at least. Of w the node that opens least
+tells: with elements of size h it opens by t h - A, t the angle of the corner, so that w = A/t.
+"""
 
 import numpy as np
 
 from ..quantity_table import HELD
 from ..results.touch import Touch
-from .budget import Part, vanishing
+from .budget import Part, located, vanishing
 from .budget_words import share
 from .caution import PRESSING, by_balance, fewest
 
@@ -20,12 +28,21 @@ STICKS = "no node slides on this mesh"
 PLACED = ("displacement",)  # which nodes in contact do not make
 OF_SLIP = ("slip", "dissipated_energy")
 ALIKE = ("normal_resultant", "displacement")  # of meshes of the same problem
+# what hangs on the place of a force, which is known at corners, and on no pressure
+OF_CORNERS = ("normal_resultant", "tangential_resultant", "displacement", "slip",
+              "dissipated_energy")
+NARROWEST = 1e-3  # of a side: width of contact at a corner that openings still tell
+
+
+def _steps(energy: dict | None) -> list[dict]:
+    """The steps of the entry of energy.report."""
+    return [energy or {}, *((energy or {}).get(name, {}) for name in ("largest", "carrying"))]
 
 
 def energy_error(energy: dict | None) -> float:
     """Largest relative error of the mesh in the energy norm, of the entry of energy.report."""
-    return max((estimate["mesh"] / estimate["norm"] for estimate in (
-        energy or {}, (energy or {}).get("largest", {})) if estimate.get("norm")), default=0.0)
+    return max((estimate["mesh"] / estimate["norm"] for estimate in _steps(energy)
+                if estimate.get("norm")), default=0.0)
 
 
 def blind(energy: dict | None, smoothed: float | None, step: int) -> bool:
@@ -44,20 +61,21 @@ def seen(energy: dict | None, smoothed: float | None, step: int) -> float:
     """
     if not energy or energy.get("kind") != "equilibrated" or smoothed is None:
         return 1.0
-    bounds = [entry["mesh"] for entry in (energy, energy.get("largest", {}))
+    bounds = [entry["mesh"] for entry in _steps(energy)
               if entry.get("step") == step and entry.get("mesh")]
     return min((smoothed / bound for bound in bounds), default=1.0)
 
 
 def parts(values: dict, error: float, touch: Touch, element: str, adjoint: bool,
-          unseen: bool = False) -> dict[str, Part]:
+          unseen: bool = False, corners: bool = False) -> dict[str, Part]:
     """Parts without an error, of those quantities in `values` of which the mesh tells none.
 
     Where contact opens and slips between its few nodes coarser meshes may agree by chance; of
     displacements and resultants `adjoint` problems see the whole body's error if there are any (of
     displacements so does an error in energy that is FINE), but where normals vary a node or two
     that carry all have one direction, and where areas of contact have no more nodes their force
-    acts at a node. `error`: of energy_error; `unseen`: these problems are blind.
+    acts at a node. `error`: of energy_error; `unseen`: these problems are blind; `corners`: areas
+    of contact are at corners on all meshes, and halvings of them say what is open.
     """
     placed = PLACED if adjoint or 0 < error <= FINE else ()  # zero is unknown
     reason, spared = "", HELD if adjoint else placed
@@ -67,7 +85,7 @@ def parts(values: dict, error: float, touch: Touch, element: str, adjoint: bool,
         reason = f"{touch.nodes} nodes are in contact"
     if touch.lone > LONE:
         reason = f"areas of contact of a node or two carry {share(touch.lone, 1.0)} of the force"
-        spared = placed
+        spared = OF_CORNERS if corners and error <= COARSE else placed
     if 0 < touch.round < PRESSING:
         reason = ("a node or two carry all, where the body or what it meets is round: take a finer "
                   "mesh there")
@@ -105,6 +123,30 @@ def at_corners(touches: list[Touch], ratio: float) -> bool:
         return False
     fine, coarse = (touch.beside[:, 0].min(initial=np.inf) for touch in (touches[0], touches[-1]))
     return bool(0 < fine < np.inf and coarse < fine * ratio**OPENS)
+
+
+def halvings(touches: list[Touch], ratios: list[float]) -> float:
+    """How many times elements are to be halved until contact at corners is as wide as they are; 0
+    where three meshes, `touches` finest first, do not show that it is there alone.
+    """
+    factor = float(np.prod(ratios[:len(touches) - 1]))
+    if len(touches) < 3 or not at_corners(touches, factor):
+        return 0.0
+    fine, coarse = (touch.beside[:, 0].min() for touch in touches[:2])
+    angle = (coarse - fine) / (ratios[0] - 1)  # times the side
+    width = max((angle - fine) / angle, NARROWEST) if angle > 0 else NARROWEST
+    return float(np.log2(1 / min(width, 0.5)))
+
+
+def of_corners(found: dict[str, Part], pair: tuple[dict, dict], ratio: float,
+               left: float) -> dict[str, Part]:
+    """The parts `found`, no less than what `left` halvings, as of `halvings`, may change.
+
+    `pair`: values of the two finest meshes, whose sizes have the `ratio`.
+    """
+    each = {name: abs(pair[0][name] - pair[1][name]) / np.log2(ratio)
+            for name in OF_CORNERS if name in found}
+    return found | {name: located(found[name], left * change) for name, change in each.items()}
 
 
 def claimable(found: dict[str, Part], values: dict, touches: bool = False) -> dict[str, Part]:

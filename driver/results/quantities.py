@@ -35,22 +35,30 @@ def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[st
     if not effects.contact:
         index = _moment(displacement)
         return {"displacement": float(displacement[index])}, index
-    pressure, weight, pieces = -steps["sigma_n"], nodes["weight"], chains(nodes)
-    shares = nodes.get("shares", np.ones((1, len(weight))))
-    normal = resultant(shares, pressure, weight)
-    forces = carried(nodes, steps)
+    forces, pieces = carried(nodes, steps), chains(nodes)
     index = _moment(forces if forces.any() else displacement)
-    values = {"peak_pressure": largest_pressure(nodes, pieces, pressure[index]),
-              "normal_resultant": normal[index],
-              "contact_length": contact_length(nodes, pieces, steps, index),
-              "displacement": displacement[index]}
+    values = of_moment(effects, nodes, steps, displacement, index)
     if effects.frictional:
-        values |= {"tangential_resultant": resultant(shares, steps["sigma_t"][index], weight),
-                   "slip": max(longest_ways(nodes, piece, steps)[-1] for piece in pieces),
+        values |= {"slip": max(longest_ways(nodes, piece, steps)[-1] for piece in pieces),
                    "dissipated_energy": steps["work"].sum()}
     if "worn_volume" in effects.quantities:
-        values["worn_volume"] = steps["wear"][-1] @ weight
+        values["worn_volume"] = steps["wear"][-1] @ nodes["weight"]
     return {name: float(values[name]) for name in effects.quantities}, index
+
+
+def of_moment(effects, nodes: dict, steps: dict, displacement, index: int) -> dict[str, float]:
+    """Those of the quantities that belong to one moment, in the step `index`; as `quantities`."""
+    if not effects.contact:
+        return {"displacement": float(displacement[index])}
+    pressure, weight = -steps["sigma_n"][index], nodes["weight"]
+    shares = nodes.get("shares", np.ones((1, len(weight))))
+    values = {"peak_pressure": largest_pressure(nodes, chains(nodes), pressure),
+              "normal_resultant": resultant(shares, pressure, weight),
+              "contact_length": contact_length(nodes, chains(nodes), steps, index),
+              "displacement": displacement[index]}
+    if effects.frictional:
+        values["tangential_resultant"] = resultant(shares, steps["sigma_t"][index], weight)
+    return {name: float(value) for name, value in values.items()}
 
 
 def resultant(shares: np.ndarray, tractions: np.ndarray, weight: np.ndarray):

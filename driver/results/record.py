@@ -10,8 +10,8 @@ from ..quantity_table import OF_FORCES
 from . import dissipation
 from .contact_state import WEAR, ContactState, less_wear
 from .contact_edges import NODES, chains, contact_length
-from .quantities import (REPEATS, farthest_node, largest_pressure, peak_nodes, quantities,
-                         singular_places)
+from .quantities import (REPEATS, farthest_node, largest_pressure, of_moment, peak_nodes,
+                         quantities, singular_places)
 from .shares import label_shares
 from .touch import Touch, of_arrivals
 
@@ -94,6 +94,12 @@ class Record:
     def quantities(self) -> tuple[dict[str, float], int]:
         """Quantities of interest, and the index in the record of the step that they belong to."""
         return quantities(self.effects, *self._columns(), self.displacements)
+
+    def beside(self, index: int) -> list[dict[str, float]]:
+        """Quantities of one moment in the steps before, with and after an index."""
+        columns, last = self._columns(), len(self.displacements) - 1
+        return [of_moment(self.effects, *columns, np.array(self.displacements), k)
+                for k in range(max(index - 1, 0), min(index + 1, last) + 1)]
 
     def state(self, index: int) -> dict[str, np.ndarray]:
         """Arrays (n_c,) of every `ContactField` in the step with an index in the record."""

@@ -154,7 +154,8 @@ class Summary:
         "resultant of all forces, the largest of the steps, over the sum of their absolute values")
     dissipated: float = entry("work that friction has taken", "stress length^2")
     errors: dict | None = entry("estimated errors", optional=True, parts={
-        "energy": "in the energy norm: kind, step, parts, total, norm, relative, largest, excluded",
+        "energy": "in the energy norm: kind, step, parts, total, norm, relative, largest, "
+                  "carrying, excluded",
         "quantities": "budget of every quantity: value, its parts, total, relative",
         "advice": "what would lower the largest part", "notes": "companions that could not be run",
         "adjoint": "quantities with an adjoint problem, the products with the dual matrix that "

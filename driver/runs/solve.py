@@ -255,7 +255,8 @@ def _estimate(errors: dict, directory: Path, request: Request, problem: Problem,
     for step, estimate in estimates:
         if estimate.indicator is not None:
             writer.indicate(step, estimate.indicator)
-    errors["energy"] = report(estimates, estimator.kind, excluded(problem.manifest), estimator.why)
+    errors["energy"] = report(estimates, estimator.kind, excluded(problem.manifest), estimator.why,
+                              estimator.unloaded(estimates))
     if request.refine:
         _next_mesh(directory, estimator, estimates)
     lap("energy_error")
@@ -298,7 +299,7 @@ def _budget(errors: dict, directory: Path, request: Request, problem: Problem, w
         levels.plan = writer.solver.cycles.past.plan
     took, record = Measured.of(lap.seconds, problem.manifest), writer.record
     values, at = record.quantities()
-    step = next((step for step, _ in estimator.considered if step.index == at + 1), None)
+    step = estimator.kept(at + 1)
     try:
         sizes, said = adjoint.assess(problem, record, step, values, lambda: estimator.body)
         companions = Companions(levels, problem, settings, record, sizes, errors["energy"],

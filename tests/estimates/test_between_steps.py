@@ -7,6 +7,8 @@ import pytest
 
 from driver.contact.motion import ObstacleMotion
 from driver.estimates import between_steps
+from driver.estimates.budget import OF_TIME, Part
+from driver.estimates.companions import Companions
 from driver.scene.manifest import read_manifest
 
 
@@ -46,6 +48,43 @@ def test_steps_that_are_said_to_follow_better_halve_what_is_missed(history, step
     missed = [found.size for n in (steps, offered) if n
               for found in between_steps.departures(manifest(history, n))]
     assert not offered or sum(missed[1:]) <= missed[0] / 2
+
+
+@pytest.mark.parametrize("history, steps, index, missed", [
+    (lambda t: np.sin(1.2 * np.pi * t), 10, 3, 1 - np.sin(0.48 * np.pi)),
+    (lambda t: np.sin(1.2 * np.pi * t), 12, 4, 0.0),  # a step ends at the peak
+    (lambda t: 1 - abs(2.5 * t - 1.125), 5, 1, 0.125), (lambda t: t, 4, 3, 0.0)])
+def test_what_steps_leave_open_of_the_step_with_most_force(history, steps, index, missed):
+    """A force in proportion to the load, and a length that hangs on none."""
+    around = [{"force": 5 * history((index + k) / steps), "length": 3.0} for k in (0, 1, 2)
+              if index + k <= steps]
+    left = between_steps.of_instant(manifest(history, steps), index, around)
+    assert left["force"] == pytest.approx(5 * missed, rel=0.1, abs=1e-9) and left["length"] == 0
+
+
+@pytest.mark.parametrize("at, recorded, found, share", [
+    (3, 10, {}, 1.0), (9, 10, {}, 0.0), (3, 20, {}, 0.0),  # the end; steps of more than one cycle
+    (3, 10, {"force": Part(0.5), "slip": Part(0.1)}, None)])
+def test_claims_of_a_moment_before_the_end_have_what_steps_leave_open(at, recorded, found, share):
+    """Slip adds up, and is of no moment."""
+    def history(t):
+        return np.sin(1.2 * np.pi * t)
+
+    of = object.__new__(Companions)
+    of.values, of.at, of.manifest = {"force": 1.0, "slip": 0.1}, at, manifest(history, 10)
+    of.record = SimpleNamespace(displacements=[1.0] * recorded, beside=lambda index: [
+        {"force": history((index + k) / 10)} for k in (0, 1, 2)])
+    parts = of._of_instant(found)
+    expected = 0.5 if share is None else share * OF_TIME * (1 - np.sin(0.48 * np.pi))
+    assert parts["force"].error == pytest.approx(expected, rel=0.1)
+    assert parts["slip"].error == (0.1 if found else 0.0)
+
+
+def test_what_steps_leave_open_of_a_step_where_an_obstacle_is_nearest():
+    """No load tells: the parabola through the three steps does."""
+    around = [{"force": 1 - (t - 0.1)**2} for t in (-1.0, 0.0, 1.0)]
+    still = SimpleNamespace(steps=5, t_end=1.0, between={})
+    assert between_steps.of_instant(still, 2, around)["force"] == pytest.approx(0.01)
 
 
 @pytest.mark.parametrize("steps, sampling, between", [

@@ -53,11 +53,31 @@ def test_a_last_step_that_tolerances_leave_is_left_out(load, kept):
     """By the root of energies: of displacements, 1e-5 of the largest are a load and 1e-7 none."""
     estimator = object.__new__(EnergyEstimator)
     estimator.kind, estimator.last, estimator.largest = "recovery", None, None
+    estimator.carrying = None
     estimator.operator = SimpleNamespace(comm=MPI.COMM_SELF)
     estimator._estimate = lambda step, state: None
     for index, size in ((1, 1.0), (2, load)):
         estimator.consider(SimpleNamespace(index=index), {}, size**2)
     assert [step.index for step, _ in estimator.estimates()] == kept
+
+
+@pytest.mark.parametrize("forces, energies, estimated", [
+    ((1.0, 3.0, 0.0), (1.0, 2.0, 5.0), 2),  # lost at the end: that in which it carries most
+    ((1.0, 3.0, 2.0), (1.0, 2.0, 5.0), None), ((1.0, 3.0, 0.0), (1.0, 9.0, 5.0), None),
+    ((0.0, 0.0, 0.0), (1.0, 2.0, 5.0), None)])
+def test_the_step_of_the_quantities_is_kept_where_contact_is_lost(monkeypatch, forces, energies,
+                                                                   estimated):
+    """And estimated, unless it is one of the others, or nothing ever touches."""
+    monkeypatch.setattr(EnergyEstimator, "_no_bound", lambda self: "points")
+    of = EnergyEstimator(SimpleNamespace(structure=None, comm=MPI.COMM_SELF),
+                         SimpleNamespace(element="P1"),
+                         SimpleNamespace(boundary=SimpleNamespace(weight=np.ones(1))),
+                         "equilibrated")
+    of._estimate = lambda step, state: step.index
+    for k, (force, stored) in enumerate(zip(forces, energies)):
+        of.consider(SimpleNamespace(index=k + 1), {"sigma_n": np.array([-force])}, stored)
+    assert of.unloaded(of.estimates()) == estimated
+    assert [of.kept(k) is None for k in (2, 3)] == [not any(forces), False]
 
 
 def test_the_friction_part_is_the_way_to_the_fixed_point(estimated):

@@ -83,6 +83,49 @@ def test_resultants_that_loads_give_are_claimed_whatever_the_mesh(flat, stays):
     assert found["normal_resultant"].error is None
 
 
+def test_errors_of_the_step_that_quantities_belong_to_count():
+    """As `carrying`, where contact is lost at the end of the history."""
+    entry = {"kind": "equilibrated", "step": 3, "mesh": 0.1, "norm": 1.0,
+             "carrying": {"step": 2, "mesh": 0.3, "norm": 1.0}}
+    assert unresolved.energy_error(entry) == pytest.approx(0.3)
+    assert unresolved.blind(entry, 0.03, 2) and not unresolved.blind(entry, 0.03, 3)
+
+
+LOST = """include "scene.idp"
+quasistatic(1.);
+real h = meshSize(1.);
+func real n(real l) { return max(1., rint(l/h)); }
+border a(t=0, 40) { x = t; y = 0; label = 1; }
+border stop(t=40, 50) { x = t; y = 0; label = 9; }
+border b(t=0, 6) { x = 50; y = t; label = 2; }
+border c(t=50, 0) { x = t; y = 6; label = 3; }
+border d(t=6, 0) { x = 0; y = t; label = 4; }
+body = buildmesh(a(n(40)) + stop(n(10)) + b(n(6)) + c(n(50)) + d(n(6)));
+macro young() 70e3 //
+macro poisson() 0.33 //
+macro support() on(4, u1 = 0., u2 = 0.) //
+macro load1() pressure(3, 1.) //
+macro amplitude1(t) sin(1.2*pi*t) //
+macro load2() traction(2, 0.2, 0.) //
+macro amplitude2(t) t //
+macro contact() 9 //
+macro gap() 0.005 //
+macro friction() 0.3 //
+include "export.idp"
+"""
+
+
+@pytest.mark.slow  # companions
+def test_contact_that_is_lost_at_the_end_has_an_adjoint_problem_and_claims(solved, named_scene):
+    """Four nodes of the stop touch; without its adjoint problem nothing could be claimed."""
+    run = solved(named_scene("lost", LOST), errors="yes", element="P2", steps=10)
+    errors = run.summary["errors"]
+    assert "normal_resultant" in errors["adjoint"]["quantities"]
+    assert 0 < errors["quantities"]["normal_resultant"]["relative"] < 0.05
+    assert 0 < errors["quantities"]["displacement"]["relative"] < 0.1
+    assert errors["energy"]["carrying"]["step"] < errors["energy"]["step"]
+
+
 def test_a_mesh_that_makes_another_problem_tells_nothing():
     """Polygons that overlap where circles have play press forty times as hard."""
     fine, middle = VALUES, VALUES | {"normal_resultant": 110.0}
@@ -225,7 +268,7 @@ def test_a_search_claims_what_steps_leave_open_of_a_slip(stride, error):
     of = object.__new__(trials.Trials)
     of.sizes, of.stride, of.total = [1.0], stride, 8
     of.parts = {"time": dict.fromkeys(VALUES, Part(0.0))}
-    of.level = lambda size, *_: SimpleNamespace(values=VALUES, record=SimpleNamespace(
+    of.level = lambda size, *_: SimpleNamespace(values=VALUES, at=7, record=SimpleNamespace(
         arrivals=lambda: 0.3))
     found = of.budget()
     assert found["slip"]["time"] == pytest.approx(error) and found["displacement"]["time"] == 0.0
@@ -236,7 +279,7 @@ def test_a_search_says_of_too_few_steps_what_it_claims():
     of = object.__new__(trials.Trials)
     of.sizes, of.stride, of.total, of.name, of.asked = [1.0], 1, 8, "slip", 0.01
     of.parts = {"time": dict.fromkeys(VALUES, Part(0.0))}
-    of.level = lambda size, *_: SimpleNamespace(values=VALUES, record=SimpleNamespace(
+    of.level = lambda size, *_: SimpleNamespace(values=VALUES, at=7, record=SimpleNamespace(
         arrivals=lambda: 0.3))
     claimed = of.budget()["slip"]["time"]
     with pytest.raises(NotConverged, match=re.escape(
@@ -304,3 +347,55 @@ def test_contact_that_gains_nodes_is_at_no_corner():
     fine, middle, coarse = touches_at(lambda way: 0.1 * way, [0.25, 0.5, 1.0])
     more = dataclasses.replace(fine, nodes=2)
     assert not unresolved.at_corners([more, middle, coarse], 4.0)
+
+
+@pytest.mark.parametrize("sizes, yields, expected", [
+    ([0.25, 0.5, 1.0], 1e-3, np.log2(25.0)),  # a width of 0.01
+    ([0.25, 0.5, 1.0], 0.0, np.log2(1e3)), ([0.25, 0.5], 1e-3, 0.0),
+    ([0.25, 0.5, 1.0], 5e-3, np.log2(5.0)), ([0.25, 0.5, 1.0], 2.4e-2, 0.0)])
+def test_how_far_meshes_are_from_the_width_of_contact_at_a_corner(sizes, yields, expected):
+    """The next node opens by what the corner has there, less what the body yields by."""
+    touches = touches_at(lambda way: 0.1 * way - yields * (way > 0), sizes)
+    assert unresolved.halvings(touches, [2.0] * (len(sizes) - 1)) == pytest.approx(expected)
+
+
+def test_forces_at_corners_have_claims_of_what_halved_elements_may_change():
+    fine = VALUES | {"peak_pressure": 3.0}
+    coarse = fine | {"normal_resultant": 98.0, "slip": 0.1}
+    found = dict.fromkeys(fine, Part(0.01))
+    claimed = unresolved.of_corners(found, (fine, coarse), 4.0, 5.0)
+    assert claimed["normal_resultant"].error == pytest.approx(5.0)  # two halvings changed it by 2
+    assert claimed["slip"].error == claimed["peak_pressure"].error == 0.01
+    touch = Touch(2, 1.0, open={})
+    for error, corners, known in ((0.1, True, True), (0.1, False, False), (0.6, True, False)):
+        unknown = unresolved.parts(fine, error, touch, "P2", False, corners=corners)
+        assert ("normal_resultant" not in unknown and "slip" not in unknown) is known
+        assert "peak_pressure" in unknown
+
+
+SPRING = """include "scene.idp"
+real h = meshSize(0.7);
+func int n(real l) { return ceil(l/h); }
+macro axisymmetric() 1 //
+border a(t=0, 1) { x = 8 + 8*t; y = 0.5*(1 - t); label = 1; }
+border b(t=0, 1) { x = 16; y = t; label = 2; }
+border c(t=1, 0) { x = 8 + 8*t; y = 1 + 0.5*(1 - t); label = 3; }
+border d(t=1, 0) { x = 8; y = 0.5 + t; label = 4; }
+body = buildmesh(a(n(8.)) + b(n(2.)) + c(n(8.)) + d(n(2.)));
+macro young() 206e3 //
+macro poisson() 0.3 //
+macro contact() 1, 3 //
+macro gap() (label == 1 ? y : 1.35 - y) //
+macro contactNormal() [0., (label == 1 ? -1. : 1.)] //
+include "export.idp"
+"""
+
+
+@pytest.mark.slow  # companions
+def test_a_disc_spring_on_its_corners_has_a_force_with_a_claim(solved, named_scene):
+    """Of a node at each corner, on meshes of any size."""
+    runs = [solved(named_scene("spring", SPRING), element="P2", errors=errors, **size)
+            for errors, size in (("yes", {}), ("no", {"h": 0.2}))]
+    claimed = runs[0].summary["errors"]["quantities"]["normal_resultant"]
+    fine = runs[1].summary["quantities"]["normal_resultant"]
+    assert abs(claimed["value"] - fine) < claimed["total"] < 0.05 * fine
