@@ -42,6 +42,10 @@ from .side import POINT, WEIGHT, Side, unit
 # part of an edge on which the multiplier is constant, at most; no fraction that meshes have by
 # design, where rounding would decide
 LITTLE = np.sqrt(2) - 1
+# part of an edge that may face nothing while it counts as whole: a crack in the other side, as
+# between bodies side by side, opens and closes with every displacement, and conditions are not to
+# jump with it. Integrals of quadratic functions of ends are three quarters of themselves at least
+CRACK = 0.04
 ROUNDED = 16 * np.finfo(float).eps  # of coordinates: their own rounding, and of a few products
 
 
@@ -227,14 +231,14 @@ def _hardly_faces(edges: np.ndarray, e, start, stop) -> np.ndarray:
 def _dual_basis(side: Side, e: np.ndarray, start: np.ndarray, stop: np.ndarray):
     """(edges, nodes, nodes) dual basis by shape functions, psi_a = sum_b A_ab phi_b.
 
-    Also whether (edges,) the edge is covered as a whole. A = D M^-1 with D_aa = int phi_a,
-    M_ab = int phi_a phi_b over the covered part of the edge; of a quadratic edge that is
+    Also whether (edges,) the edge is covered as a whole, but for a CRACK. A = D M^-1 with D_aa =
+    int phi_a, M_ab = int phi_a phi_b over the covered part of the edge; of a quadratic edge that is
     covered in part, or begins on the axis of a body of revolution, with the hats for phi, which are
     those of the ends and half that of the middle.
     """
     edges, nodes = side.edges.shape
     covered = np.bincount(e, stop - start, minlength=edges)
-    whole = (covered > 1.0 - SLIVER) & ~side.begins_on_axis
+    whole = (covered > 1.0 - CRACK) & ~side.begins_on_axis
     A = np.zeros((edges, nodes, nodes))
     if nodes == 3:
         A[whole] = _duals(3, side, e, start, stop)[whole]

@@ -100,6 +100,26 @@ def test_what_is_covered_in_part_has_a_part_of_the_weight(quadratic, end):
 
 
 @pytest.mark.parametrize("quadratic", [False, True])
+def test_a_crack_in_the_other_side_changes_as_little_as_it_is_wide(quadratic):
+    """Where two bodies lie side by side under an edge, as they move apart: conditions do not jump.
+    """
+    held, rows = np.zeros(len(sides(quadratic)[0].xy), bool), []
+    for width in (0.0, 2e-4):
+        first, one = sides(quadratic, np.array([-0.5, 0.4, 1.1]))
+        two = sides(quadratic, np.array([1.1 + width, 2.9, 4.6]))[1]
+        second = Side(np.concatenate([one.xy, two.xy]),
+                      np.concatenate([one.edges, two.edges + len(one.xy)]),
+                      np.concatenate([one.edge_normal, two.edge_normal]))
+        second.x = np.append(one.x, two.x)
+        found = mortar.couple(first, second, held)
+        constant = jump(found, first, second, np.ones_like)
+        np.testing.assert_allclose(constant, 0.0, atol=1e-12)  # constant stress passes
+        rows.append([found.weight, jump(found, first, second, np.cos, lambda x: 0 * x),
+                     jump(found, first, second, np.cos, lambda x: x**2)])
+    np.testing.assert_allclose(*rows, rtol=0, atol=2e-3)
+
+
+@pytest.mark.parametrize("quadratic", [False, True])
 def test_held_nodes_leave_their_part_to_the_next(quadratic):
     """Constant stress stays exact: weights add up to the length; of quadratic edges the middle
     takes it.

@@ -574,6 +574,39 @@ def test_rough_bodies_yield_where_they_face(solved, scene, element, law):
                                    rtol=1e-3, atol=1e-3 * np.abs(one.history[name]).max())
 
 
+# two blocks side by side under a third one that is pressed on both
+SEAM = """include "scene.idp"
+int[int] one = [11, 12, 13, 14], two = [21, 22, 13, 24], top = [41, 42, 43, 44];
+func real rise(real s) { return 1. - 0.05*cos(pi*s); }
+addBody(square(8, 3, [2.5*x - 2., y*rise(2.5*x - 2.)], label = one))
+addBody(square(5, 3, [0.5 + 1.5*x, y*rise(0.5 + 1.5*x)], label = two))
+addBody(square(7, 3, [2.5*x - 1.2, rise(2.5*x - 1.2) + y*(1.8 - rise(2.5*x - 1.2))], label = top))
+quasistatic(1.);
+macro young() 1000. //
+macro poisson() 0.3 //
+macro support() on(11, 21, u1 = 0., u2 = 0.) //
+macro load1() pressure(43, 1.) //
+macro amplitude1(t) t //
+macro contactPair() 41, 13 //
+macro friction() 0.5 //
+macro largeSliding() 3. //
+include "export.idp"
+"""
+
+
+def test_a_seam_that_opens_and_closes_under_a_side(solved, scene):
+    """The crack between two bodies under one edge, which contact opens and lifting off closes.
+
+    The edge had other multipliers as soon as it was not covered to the last digit: conditions
+    jumped, and no geometry was that of its solution.
+    """
+    run = solved(scene(SEAM), element="P2", steps=3, subdomains=3)
+    assert run.status == 0, run.reason
+    assert run.history["geometries"][-1] < 10
+    forces = read_table(run.directory / "boundaries.csv")
+    assert float(forces["force_y"][-1]) == pytest.approx(2.5, rel=1e-4)
+
+
 @pytest.mark.parametrize("element", ["P1", "P2"])
 @pytest.mark.some(1)
 def test_a_node_held_along_the_boundary_hands_on_its_weight(solved, tmp_path, element):
