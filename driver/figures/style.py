@@ -64,11 +64,14 @@ def canvas(draw: Callable[[Figure], None], height: float, width: float = WIDTH,
 
 
 def lay_out(figure: Figure) -> None:
-    """Place the axes as they will be drawn. `Figure.draw_without_rendering` does so as well, and
-    then all that drawing needs but the colours, which takes half as long again.
+    """Place the axes as they will be drawn, where the figure leaves it to a layout engine.
+
+    `Figure.draw_without_rendering` does so as well, and then all that drawing needs but the
+    colours, which takes half as long again.
     """
-    if figure.axes:
-        figure.get_layout_engine().execute(figure)
+    engine = figure.get_layout_engine()
+    if figure.axes and engine is not None:
+        engine.execute(figure)
 
 
 def write(figure: Figure, folder: Path, name: str,

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from driver.figures import study
+from driver.figures import hard, study
 from driver.figures.style import STATUS, canvas
+from driver.files import write_table
 
 
 def drawn(values):
@@ -30,3 +31,16 @@ def test_numbers_of_the_axis_do_not_stand_on_each_other(values, scale):
     boxes = [label.get_window_extent() for label in axes.get_xticklabels()
              if low <= label.get_position()[0] <= high]
     assert not any(a.overlaps(b) for a, b in zip(boxes, boxes[1:]))
+
+
+def test_the_table_of_hard_cases_is_drawn_without_a_layout_engine(tmp_path):
+    """Its cells have places of their own; so have no other figures (`make hard` ended there)."""
+    numbers = dict.fromkeys(hard.NUMBERS, 1e-9) | {"kkt_tolerance": 1e-8, "ratio_allowed": 2.0}
+    rows = [{"family": "contact", "case": case, "status": status, "exit": exit_, "size": "CELLS=4",
+             "sweep": "gap" if case == "solved" else "", **numbers, "place": place}
+            for case, status, exit_, place in (
+                ("solved", "solved", 0, 1.0), ("solved", "solved", 0, 2.0),
+                ("not at all", "refused", 3, ""), ("wrong", "FAILED", 1, ""))]
+    write_table(tmp_path / "report.csv", rows)
+    assert {path.name for path in hard.draw(tmp_path / "report.csv")} == {
+        "report.png", "report.pdf", "sweeps.png", "sweeps.pdf"}
