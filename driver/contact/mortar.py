@@ -26,7 +26,7 @@ nodes of Gauss and Lobatto), so that the multiplier does not limit the order, an
 mortar projection local and bounded, which is the inf-sup condition, for any ratio of the meshes;
 for contact see Hueeber, Mair, Wohlmuth, Appl. Numer. Math. 54 (2005) 555-576. Over a part of an
 edge the integral of an end's function may be negative: edges covered in part have multipliers dual
-to the hats, for their ends alone. The field of normals and the projection are those of the straight
+to the hats, for their ends alone, and those that lack little a mean of both. The field of normals and the projection are those of the straight
 edges; the gap counts how far the boundary bows from them. Where the sides of elements are curved
 themselves, integrals are along their parabolas, and a node's normal is that of int phi_i n ds: the
 force of a uniform pressure, whose length is the weight.
@@ -42,10 +42,11 @@ from .side import POINT, WEIGHT, Side, unit
 # part of an edge on which the multiplier is constant, at most; no fraction that meshes have by
 # design, where rounding would decide
 LITTLE = np.sqrt(2) - 1
-# part of an edge that may face nothing while it counts as whole: a crack in the other side, as
-# between bodies side by side, opens and closes with every displacement, and conditions are not to
-# jump with it. Integrals of quadratic functions of ends are three quarters of themselves at least
-CRACK = 0.04
+# part of a quadratic edge that may face nothing until hats take the place of its own functions: a
+# crack in the other side, as between bodies side by side, opens and closes with every displacement,
+# and conditions are not to jump with it. Integrals of the functions of ends are half of themselves
+# at least
+CRACK = 0.1
 ROUNDED = 16 * np.finfo(float).eps  # of coordinates: their own rounding, and of a few products
 
 
@@ -92,7 +93,8 @@ def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None 
     """
     normal = first.nodal_normals()
     e, o, start, stop = facing_parts(first, normal, second, able, reach)
-    n, (dual, whole) = len(first.xy), _dual_basis(first, e, start, stop)
+    n, (dual, hats) = len(first.xy), _dual_basis(first, e, start, stop)
+    whole = hats < 1
     heir = _heirs(first.edges, whole)
     gives = held[first.edges] | _hardly_faces(first.edges, e, start, stop) & ~held[heir]
     rows = np.where(gives, heir, first.edges)
@@ -114,7 +116,7 @@ def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None 
             psi = sum(dual[e, k, b] * phi for b, phi in enumerate(own))
             part = share * (stop - start) * ds * psi
             if first.radius is not None:
-                shape = _primal(own, k, whole[e])
+                shape = _primal(own, k, hats[e])
                 np.add.at(length, row, share * (stop - start) * ds * shape)
                 part = part * first.ring(e, xi)
             np.add.at(weight, row, part)
@@ -189,15 +191,15 @@ def _shapes(nodes: int, xi: np.ndarray) -> tuple[np.ndarray, ...]:
     return (1.0 - xi) * (1.0 - 2.0 * xi), xi * (2.0 * xi - 1.0), 4.0 * xi * (1.0 - xi)
 
 
-def _primal(own: tuple[np.ndarray, ...], k: int, whole: np.ndarray) -> np.ndarray:
+def _primal(own: tuple[np.ndarray, ...], k: int, hats: np.ndarray) -> np.ndarray:
     """(m,) the function of which multiplier k of an edge has the length, by shape functions `own`.
 
-    The edge's own where `whole` (m,), else the hat of an end.
+    The edge's own, and to the part `hats` (m,) the hat of an end.
     """
     if len(own) == 2:
         return own[k]
-    hat = own[k] + own[2] / 2 if k < 2 else np.zeros(len(whole))
-    return np.where(whole, own[k], hat)
+    hat = own[k] + own[2] / 2 if k < 2 else np.zeros(len(hats))
+    return (1.0 - hats) * own[k] + hats * hat
 
 
 def _heirs(edges: np.ndarray, whole: np.ndarray) -> np.ndarray:
@@ -231,21 +233,22 @@ def _hardly_faces(edges: np.ndarray, e, start, stop) -> np.ndarray:
 def _dual_basis(side: Side, e: np.ndarray, start: np.ndarray, stop: np.ndarray):
     """(edges, nodes, nodes) dual basis by shape functions, psi_a = sum_b A_ab phi_b.
 
-    Also whether (edges,) the edge is covered as a whole, but for a CRACK. A = D M^-1 with D_aa =
-    int phi_a, M_ab = int phi_a phi_b over the covered part of the edge; of a quadratic edge that is
-    covered in part, or begins on the axis of a body of revolution, with the hats for phi, which are
-    those of the ends and half that of the middle.
+    A = D M^-1 with D_aa = int phi_a, M_ab = int phi_a phi_b over the covered part of the edge. Also
+    the part (edges,) that hats, those of the ends and half that of the middle, have in A in place
+    of phi: all of it on quadratic edges that are covered in part, but for a CRACK, or begin on the
+    axis of a body of revolution.
     """
     edges, nodes = side.edges.shape
     covered = np.bincount(e, stop - start, minlength=edges)
-    whole = (covered > 1.0 - CRACK) & ~side.begins_on_axis
-    A = np.zeros((edges, nodes, nodes))
-    if nodes == 3:
-        A[whole] = _duals(3, side, e, start, stop)[whole]
-    some = (covered > 0) & ~(whole & (nodes == 3))
-    hats = np.eye(2) if nodes == 2 else np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5]])
-    A[some, :2] = _duals(2, side, e, start, stop)[some] @ hats
-    return A, whole
+    hats = np.clip((1.0 - covered - SLIVER) / (CRACK - SLIVER), 0.0, 1.0)
+    hats[side.begins_on_axis] = 1.0
+    linear = _duals(2, side, e, start, stop)
+    if nodes == 2:
+        return linear, hats
+    A, own = np.zeros((edges, nodes, nodes)), hats < 1
+    A[own] = (1.0 - hats[own])[:, None, None] * _duals(3, side, e, start, stop)[own]
+    A[:, :2] += hats[:, None, None] * (linear @ np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5]]))
+    return A, hats
 
 
 def _duals(nodes: int, side: Side, e, start, stop) -> np.ndarray:

@@ -14,15 +14,18 @@ from ..feti.gathering import largest
 from .validity import QUESTIONABLE
 
 
-def check(problem) -> None:
-    """Raise InputError for such a boundary of a march.Problem; collective."""
+def check(problem, first: float | None = None) -> None:
+    """Raise InputError for such a boundary of a march.Problem; collective.
+
+    `first`: end of the first step, by default that of the problem's own steps.
+    """
     following, structure = problem.structure.contact.following, problem.structure
     if following is None:
         return
     start = structure.contact.start.declared
     deep, size = -start.gap, _sizes(problem)[start.gid]
     if following.motion is not None:  # unless the first step takes the obstacle away
-        first = problem.manifest.t_end / problem.manifest.steps
+        first = first or problem.manifest.t_end / problem.manifest.steps
         deep = np.minimum(deep, -following.about(np.zeros((len(following.gids), 2)),
                                                  first).declared.gap)
     for label in np.unique(start.label[~start.paired]):

@@ -30,7 +30,7 @@ from ..estimates.successive import mesh_parts
 from ..estimates.unresolved import at_corners
 from ..quantity_table import HELD
 from .tolerances import TOLERANCES
-from .trials import Trials
+from .trials import SAMPLING, Trials
 
 COARSENING = (8, 4, 2, 1)  # of the scene's own mesh, for the first one that can be had
 FIXED = 1 / 8  # of it, down to which no size has another mesh: it does not depend on the size
@@ -58,8 +58,10 @@ class Search(Trials):
         smooth = not quantity or quantity in SMOOTH  # as the main quantities are
         self._begin(smooth and "element" not in levels.parameters)
         coarsest = self.levels.problem(**self.mesh(self.sizes[0]))
-        starts_inside.check(coarsest)
         self.follow(coarsest)
+        # histories are sampled more finely than any step is long
+        samples = min(max(self.stride, SAMPLING), self.total)
+        starts_inside.check(coarsest, samples * coarsest.manifest.t_end / self.total)
 
     def _begin(self, quadratic: bool) -> None:
         """Have the coarsest mesh made; `quadratic` as of `_first`."""

@@ -100,11 +100,13 @@ def test_what_is_covered_in_part_has_a_part_of_the_weight(quadratic, end):
 
 
 @pytest.mark.parametrize("quadratic", [False, True])
-def test_a_crack_in_the_other_side_changes_as_little_as_it_is_wide(quadratic):
-    """Where two bodies lie side by side under an edge, as they move apart: conditions do not jump.
+@pytest.mark.parametrize("open_", [0.0, 0.031, 0.039, 0.08, 0.2])
+def test_a_crack_in_the_other_side_changes_as_little_as_it_is_wide(quadratic, open_):
+    """Where two bodies lie side by side under an edge, as they move apart: conditions do not jump,
+    wherever they are.
     """
     held, rows = np.zeros(len(sides(quadratic)[0].xy), bool), []
-    for width in (0.0, 2e-4):
+    for width in (open_, open_ + 2e-4):  # of an edge as long as 0.8
         first, one = sides(quadratic, np.array([-0.5, 0.4, 1.1]))
         two = sides(quadratic, np.array([1.1 + width, 2.9, 4.6]))[1]
         second = Side(np.concatenate([one.xy, two.xy]),

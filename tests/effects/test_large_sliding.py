@@ -5,6 +5,8 @@ import pytest
 
 from driver.contact import curve, mortar
 from driver.contact.side import Side
+from driver.errors import InputError
+from driver.estimates import starts_inside
 from driver.files import read_rows, read_table
 from driver.feti.operator import DualOperator
 from driver.feti.torn_factor import TornFactor
@@ -474,6 +476,31 @@ def test_an_obstacle_turned_inside_out_is_asked_about(solved, scene, start, stat
         assert searched.status == 2 and "is its sign right?" in searched.reason
 
 
+AWAY = """include "scene.idp"
+body = square(4, 2, [4.*x, 2.*y]);
+quasistatic(1.);
+macro young() 1e3 //
+macro poisson() 0.3 //
+macro support() on(3, u1 = 0., u2 = 0.) //
+macro contact() 1 //
+macro largeSliding() 4. //
+macro obstacle(x, y) ((y) - 3.) //
+macro obstacleY(t) (-3.*min(1., 20.*t)) //
+include "export.idp"
+"""
+
+
+def test_an_obstacle_that_the_first_step_takes_away_is_no_start_inside(built, named_scene):
+    """Of 20 steps it does, of 640 not: a search samples histories so finely, but takes no such
+    steps.
+    """
+    few, many = (built(scene=named_scene("away", AWAY), steps=steps) for steps in (20, 640))
+    starts_inside.check(few)
+    starts_inside.check(many, 0.05)
+    with pytest.raises(InputError, match="is its sign right"):
+        starts_inside.check(many)
+
+
 @pytest.mark.slow  # runs that are refused
 def test_what_cannot_be_had_with_it_says_so(solved, scene, tmp_path):
     run = solved(scene(INCLINE, ("OBSTACLE", SLOPE), ("(way + 3.)", "5.")), steps=4)
@@ -579,7 +606,8 @@ SEAM = """include "scene.idp"
 int[int] one = [11, 12, 13, 14], two = [21, 22, 13, 24], top = [41, 42, 43, 44];
 func real rise(real s) { return 1. - 0.05*cos(pi*s); }
 addBody(square(8, 3, [2.5*x - 2., y*rise(2.5*x - 2.)], label = one))
-addBody(square(5, 3, [0.5 + 1.5*x, y*rise(0.5 + 1.5*x)], label = two))
+real crack = physical("crack", 0.);
+addBody(square(5, 3, [0.5 + crack + 1.5*x, y*rise(0.5 + crack + 1.5*x)], label = two))
 addBody(square(7, 3, [2.5*x - 1.2, rise(2.5*x - 1.2) + y*(1.8 - rise(2.5*x - 1.2))], label = top))
 quasistatic(1.);
 macro young() 1000. //
@@ -594,13 +622,15 @@ include "export.idp"
 """
 
 
-def test_a_seam_that_opens_and_closes_under_a_side(solved, scene):
+# 0.0144 is 4 % of an edge
+@pytest.mark.parametrize("crack", [0.0, 0.0144, pytest.param(0.036, marks=pytest.mark.slow)])
+def test_a_seam_that_opens_and_closes_under_a_side(solved, scene, crack):
     """The crack between two bodies under one edge, which contact opens and lifting off closes.
 
     The edge had other multipliers as soon as it was not covered to the last digit: conditions
     jumped, and no geometry was that of its solution.
     """
-    run = solved(scene(SEAM), element="P2", steps=3, subdomains=3)
+    run = solved(scene(SEAM), element="P2", steps=3, subdomains=3, crack=crack)
     assert run.status == 0, run.reason
     assert run.history["geometries"][-1] < 10
     forces = read_table(run.directory / "boundaries.csv")
