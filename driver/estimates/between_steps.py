@@ -13,6 +13,8 @@ NOTICEABLE = 0.01
 ROUNDING = 1e-9  # part of a distance by which one that stays the same may change
 SHARP = 8.0  # a turn that is so many times as large as the median one is a kink
 MOST = 20  # times the steps, up to which a number is looked for that has kinks at its ends
+LEADING = "normal_resultant", "displacement"  # whose largest value is the moment of all others
+HALF = 0.5  # of a step, by which a moment may be off where loads go beyond their steps
 CLOSE = 0.02  # part of a step by which a kink may miss its end
 
 
@@ -68,34 +70,78 @@ def of_obstacles(motion, steps: int, stride: int = 1) -> dict[str, tuple[float, 
     return found
 
 
-def of_instant(manifest, index: int, beside: list[dict]) -> dict[str, float]:
-    """What steps leave open of the quantities in that with an `index`, where they are largest: they
-    may be larger between it and the steps `beside` it, whose quantities go with its own.
+def of_moment(manifest, record, at: int) -> dict[str, float]:
+    """What steps leave open of the quantities of the step `at`, an index in the `record`, where
+    they do not belong to the last one: as `of_instant`, empty for the last.
 
-    By the parabola through the three, and by how far loads go there beyond what they are in these
-    steps, times what the quantity changes by between these steps over what the load does; where
-    the load goes farther beyond them than it changes, times the quantity over the load.
+    `manifest` has the declared history, of which cycles are repeated.
     """
-    ends = np.arange(max(index, 1), min(index + 2, manifest.steps) + 1)
+    if at >= len(record.displacements) - 1:
+        return {}
+    index = at if record.cycles is None else record.cycles.place(at + 1) - 1
+    return of_instant(manifest, index, record.beside(at))
+
+
+def of_instant(manifest, index: int, beside: list[dict]) -> dict[str, float]:
+    """What steps leave open of the quantities in that with an `index` in the history, at which
+    contact carries most, or the body deforms most: the moment may lie between it and the steps
+    `beside` it, the one before and the one after.
+
+    Its place is the largest value of the quantity that it belongs to, on the parabola through the
+    three; other quantities are followed there along their own parabolas. Where loads go beyond
+    what they are in these steps it is elsewhere: others are followed by half a step to either side.
+    And by loads: how far these go beyond, times what the quantity changes by between these steps
+    over what the load does; where the load goes farther beyond them than it changes, times the
+    quantity over the load.
+    """
+    ends = np.arange(index, min(index + 2, manifest.steps) + 1)
+    histories = [(fine, per_step) for _, _, fine, per_step in _histories(manifest)]
+    goes = any(_excess(fine, per_step, ends) > 0 for fine, per_step in histories)
+    leading = next((name for name in LEADING if name in beside[0]), None)
     found = {}
     for name in beside[0]:
         values = np.array([each[name] for each in beside])
-        away = 0.0
-        if len(values) == 3:
-            bend, slope = 2 * values[1] - values[0] - values[2], (values[2] - values[0]) / 2
-            away = slope**2 / (2 * abs(bend)) if abs(bend) > abs(slope) else 0.0
-        beyond = sum(_beyond(fine, per_step, ends, values)
-                     for _, _, fine, per_step in _histories(manifest))
-        found[name] = float(max(away, beyond))
+        own = np.array([each[leading or name] for each in beside])
+        other = goes and leading not in (None, name)
+        places = [_place(own), *((-HALF, HALF) if other else ())]
+        beyond = sum(_beyond(fine, per_step, ends, values) for fine, per_step in histories)
+        found[name] = float(max(beyond, *(_departs(values, place) for place in places)))
     return found
+
+
+def _place(values: np.ndarray) -> float:
+    """Of the extreme of the parabola through three `values`, in steps from the middle one; 0 where
+    there are not three, or there is none between the outer ones.
+    """
+    bend, slope = _parabola(values)
+    return -slope / bend if abs(bend) > abs(slope) else 0.0
+
+
+def _departs(values: np.ndarray, place: float) -> float:
+    """Change of the parabola through three `values` from the middle one to a `place`."""
+    bend, slope = _parabola(values)
+    return abs(slope * place + bend * place**2 / 2)
+
+
+def _parabola(values: np.ndarray) -> tuple[float, float]:
+    """Second and first differences of three `values` about the middle one; 0 of fewer."""
+    if len(values) < 3:
+        return 0.0, 0.0
+    return values[0] - 2 * values[1] + values[2], (values[2] - values[0]) / 2
+
+
+def _excess(fine: np.ndarray, per_step: int, ends: np.ndarray) -> float:
+    """How far a history goes beyond its values at the steps `ends` between them."""
+    at_ends = fine[ends * per_step]
+    between = fine[ends[0] * per_step:ends[-1] * per_step + 1]
+    excess = max(between.max() - at_ends.max(), at_ends.min() - between.min())
+    return float(excess) if excess > ROUNDING * np.abs(at_ends).max() else 0.0
 
 
 def _beyond(fine: np.ndarray, per_step: int, ends: np.ndarray, values: np.ndarray) -> float:
     """Change of a quantity by what a history does beyond its values at the steps `ends`."""
-    at_ends = fine[ends * per_step]
-    between = fine[ends[0] * per_step:ends[-1] * per_step + 1]
-    excess = max(between.max() - at_ends.max(), at_ends.min() - between.min())
-    if excess <= ROUNDING * np.abs(at_ends).max():
+    at_ends, excess = fine[ends * per_step], _excess(fine, per_step, ends)
+    if not excess:
         return 0.0
     if np.ptp(at_ends) > excess:
         return float(excess * np.ptp(values) / np.ptp(at_ends))

@@ -96,10 +96,12 @@ class Record:
         return quantities(self.effects, *self._columns(), self.displacements)
 
     def beside(self, index: int) -> list[dict[str, float]]:
-        """Quantities of one moment in the steps before, with and after an index."""
+        """Quantities of one moment in the steps before, with and after an index; zero at the start.
+        """
         columns, last = self._columns(), len(self.displacements) - 1
-        return [of_moment(self.effects, *columns, np.array(self.displacements), k)
-                for k in range(max(index - 1, 0), min(index + 1, last) + 1)]
+        found = [of_moment(self.effects, *columns, np.array(self.displacements), k)
+                 for k in range(max(index - 1, 0), min(index + 1, last) + 1)]
+        return found if index else [dict.fromkeys(found[0], 0.0), *found]
 
     def state(self, index: int) -> dict[str, np.ndarray]:
         """Arrays (n_c,) of every `ContactField` in the step with an index in the record."""

@@ -21,7 +21,7 @@ import math
 from ..effects import Effects
 from ..effects.quasistatic import proportional
 from ..errors import DriverError, NotConverged
-from ..estimates.between_steps import misses, of_instant
+from ..estimates.between_steps import misses, of_moment
 from ..estimates.budget import (OF_TIME, Part, extrapolate, formal_order, located, ratio,
                                 summed)
 from ..estimates.budget_words import SOURCES, share
@@ -239,12 +239,13 @@ class Trials:
         if "slip" in parts.get("time", ()) and self.stride < self.total:
             left_open = OF_TIME * self.level(self.sizes[-1]).record.arrivals()
             parts["time"] = parts["time"] | {"slip": located(parts["time"]["slip"], left_open)}
-        level = self.level(self.sizes[-1]) if "time" in parts else None
-        if level and level.at < self.steps - 1 and level.declared == self.steps:
-            history = dataclasses.replace(self.history, steps=self.steps)
-            left = of_instant(history, level.at, level.record.beside(level.at))
+        if "time" in parts:
+            level = self.level(self.sizes[-1])
+            history = dataclasses.replace(self.history, steps=level.declared)
+            left = of_moment(history, level.record, level.at)
             parts["time"] = parts["time"] | {
-                name: located(parts["time"][name], OF_TIME * size) for name, size in left.items()}
+                name: located(parts["time"][name], OF_TIME * size)
+                for name, size in left.items() if name in parts["time"]}
         return parts
 
     def budget(self) -> dict:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 from driver.contact import curve, mortar
 from driver.contact.side import Side
@@ -261,7 +262,6 @@ def test_only_contact_rows_are_renewed(exported, scene, monkeypatch):
 
     A side of the punch is bent: at its end a support moves one component of a node in contact.
     """
-    from mpi4py import MPI
 
     count, reduced = [], TornFactor.reduced
     monkeypatch.setattr(TornFactor, "reduced",
@@ -490,11 +490,12 @@ include "export.idp"
 """
 
 
-def test_an_obstacle_that_the_first_step_takes_away_is_no_start_inside(built, named_scene):
+def test_an_obstacle_that_the_first_step_takes_away_is_no_start_inside(exported, named_scene):
     """Of 20 steps it does, of 640 not: a search samples histories so finely, but takes no such
     steps.
     """
-    few, many = (built(scene=named_scene("away", AWAY), steps=steps) for steps in (20, 640))
+    few, many = (assemble(exported(named_scene("away", AWAY), steps=steps), MPI.COMM_SELF)
+                 for steps in (20, 640))
     starts_inside.check(few)
     starts_inside.check(many, 0.05)
     with pytest.raises(InputError, match="is its sign right"):

@@ -9,6 +9,7 @@ from driver.contact.motion import ObstacleMotion
 from driver.estimates import between_steps
 from driver.estimates.budget import OF_TIME, Part
 from driver.estimates.companions import Companions
+from driver.results.record import Record
 from driver.scene.manifest import read_manifest
 
 
@@ -62,8 +63,38 @@ def test_what_steps_leave_open_of_the_step_with_most_force(history, steps, index
     assert left["force"] == pytest.approx(5 * missed, rel=0.1, abs=1e-9) and left["length"] == 0
 
 
+@pytest.mark.parametrize("off", [-0.4, -0.1, 0.25])
+def test_other_quantities_are_those_of_the_moment_with_most_force(off):
+    """They may have their own largest values elsewhere: by their slope times the way there."""
+    def around(slope):
+        return [{"normal_resultant": 1 - 0.1 * (t - off)**2, "displacement": 2 + slope * t}
+                for t in (-1.0, 0.0, 1.0)]
+
+    still = SimpleNamespace(steps=5, t_end=1.0, between={})
+    left = between_steps.of_instant(still, 2, around(0.3))
+    assert left["normal_resultant"] == pytest.approx(0.1 * off**2)
+    assert left["displacement"] == pytest.approx(0.3 * abs(off))
+    # a load with a peak between the steps: the moment is anywhere near
+    peaked = manifest(lambda t: 1 - abs(2.5 * t - 1.125), 5)
+    left = between_steps.of_instant(peaked, 1, around(0.3))
+    assert left["displacement"] >= 0.15 - 1e-12  # half a step
+
+
+def test_a_moment_in_the_first_step_has_the_start_before_it():
+    """Of which nothing is recorded: contact carried nothing then."""
+    def history(t):
+        return np.exp(-(t - 0.14)**2 / 0.01)
+
+    record = object.__new__(Record)
+    record.effects = SimpleNamespace(contact=False)
+    record.displacements, record._columns = [history(0.2 * k) for k in range(1, 6)], lambda: ({}, {})
+    record.cycles = None
+    left = between_steps.of_moment(manifest(history, 5), record, 0)["displacement"]
+    assert 1.0 - history(0.2) <= 1.2 * left
+
+
 @pytest.mark.parametrize("at, recorded, found, share", [
-    (3, 10, {}, 1.0), (9, 10, {}, 0.0), (3, 20, {}, 0.0),  # the end; steps of more than one cycle
+    (3, 10, {}, 1.0), (9, 10, {}, 0.0), (3, 20, {}, 1.0),  # the end; steps of more than one cycle
     (3, 10, {"force": Part(0.5), "slip": Part(0.1)}, None)])
 def test_claims_of_a_moment_before_the_end_have_what_steps_leave_open(at, recorded, found, share):
     """Slip adds up, and is of no moment."""
@@ -72,7 +103,8 @@ def test_claims_of_a_moment_before_the_end_have_what_steps_leave_open(at, record
 
     of = object.__new__(Companions)
     of.values, of.at, of.manifest = {"force": 1.0, "slip": 0.1}, at, manifest(history, 10)
-    of.record = SimpleNamespace(displacements=[1.0] * recorded, beside=lambda index: [
+    cycles = SimpleNamespace(place=lambda step: (step - 1) % 10 + 1) if recorded > 10 else None
+    of.record = SimpleNamespace(displacements=[1.0] * recorded, cycles=cycles, beside=lambda index: [
         {"force": history((index + k) / 10)} for k in (0, 1, 2)])
     parts = of._of_instant(found)
     expected = 0.5 if share is None else share * OF_TIME * (1 - np.sin(0.48 * np.pi))

@@ -260,27 +260,50 @@ def test_what_a_search_was_not_asked_for_has_its_adjoint_problems(searched, monk
     assert of.parts == {"mesh": {"slip": Part(0.1), "displacement": Part(0.2)}}
 
 
+@dataclasses.dataclass
+class History:
+    """A load that goes up and down within eight steps; steps may be others."""
+
+    steps: int = 8
+    t_end: float = 1.0
+    between: dict = dataclasses.field(default_factory=lambda: {
+        "1": np.sin(1.2 * np.pi * np.linspace(0, 1, 65))})
+
+
+def timed(stride: int = 1, at: int = 7):
+    """Trials of eight steps, and a level whose quantities belong to the step `at`."""
+    of = object.__new__(trials.Trials)
+    of.sizes, of.stride, of.total, of.history = [1.0], stride, 8, History()
+    of.parts = {"time": dict.fromkeys(VALUES, Part(0.0))}
+    record = SimpleNamespace(
+        arrivals=lambda: 0.3, displacements=[1.0] * 8, cycles=None, beside=lambda index: [
+            {"normal_resultant": np.sin(1.2 * np.pi * (index + k) / 8)} for k in range(3)])
+    of.level = lambda size, *_: SimpleNamespace(values=VALUES, at=at, declared=8, record=record)
+    return of
+
+
+def test_a_search_claims_what_steps_leave_open_of_a_moment_before_the_end():
+    """Of a force in proportion to the load, whose peak is between two steps."""
+    missed = 1 - np.sin(1.2 * np.pi * 3 / 8)
+    assert timed(at=2).claimed["time"]["normal_resultant"].error == pytest.approx(
+        OF_TIME * missed, rel=0.1)
+    assert timed(at=7).claimed["time"]["normal_resultant"].error == 0.0
+
+
 @pytest.mark.parametrize("stride, error", [(2, OF_TIME * 0.3), (8, 0.0)])
 def test_a_search_claims_what_steps_leave_open_of_a_slip(stride, error):
     """Nodes that touch within a step have slid in a part of it; in one step that all grows with in
     proportion, nothing is open.
     """
-    of = object.__new__(trials.Trials)
-    of.sizes, of.stride, of.total = [1.0], stride, 8
-    of.parts = {"time": dict.fromkeys(VALUES, Part(0.0))}
-    of.level = lambda size, *_: SimpleNamespace(values=VALUES, at=7, record=SimpleNamespace(
-        arrivals=lambda: 0.3))
+    of = timed(stride)
     found = of.budget()
     assert found["slip"]["time"] == pytest.approx(error) and found["displacement"]["time"] == 0.0
     assert of.claimed["time"]["slip"].error == pytest.approx(error)  # of prices as well
 
 
 def test_a_search_says_of_too_few_steps_what_it_claims():
-    of = object.__new__(trials.Trials)
-    of.sizes, of.stride, of.total, of.name, of.asked = [1.0], 1, 8, "slip", 0.01
-    of.parts = {"time": dict.fromkeys(VALUES, Part(0.0))}
-    of.level = lambda size, *_: SimpleNamespace(values=VALUES, at=7, record=SimpleNamespace(
-        arrivals=lambda: 0.3))
+    of = timed()
+    of.name, of.asked = "slip", 0.01
     claimed = of.budget()["slip"]["time"]
     with pytest.raises(NotConverged, match=re.escape(
             f"leave the slip an error of {share(claimed, VALUES['slip'])}:")):
