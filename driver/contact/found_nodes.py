@@ -69,7 +69,8 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm, sides
     ends = periods and periods.ends(nodes, fixed[0])  # what the periods make one place
     found = FoundNodes(nodes, chains(nodes, skeleton), fixed,
                        skeleton.are_middles(nodes.gid), manifest.axisymmetric,
-                       bool(manifest.curved), ends, rubbing(effects, nodes))
+                       bool(manifest.curved), ends,
+                       rubbing(effects, nodes) if nodes.meeting else None)
     gap = effects.distance(nodes.columns, len(nodes.gid))
     motion = effects.motion(nodes, gap)
     following = effects.following(nodes, motion)
@@ -81,7 +82,10 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm, sides
 
 
 def rubbing(effects, nodes) -> np.ndarray:
-    """(n,) to which of the `nodes` the laws of friction give a bound, under whatever pressure."""
+    """(n,) to which of the `nodes` the laws of friction give a bound, under whatever pressure.
+
+    They are asked before there is a ContactBoundary: for columns, weight and place.
+    """
     alike = replace(nodes, weight=np.ones(len(nodes.gid)))  # on the axis of a revolution as well
     rubs = np.zeros(len(nodes.gid), bool)
     for room in effects:

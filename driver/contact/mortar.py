@@ -26,10 +26,11 @@ nodes of Gauss and Lobatto), so that the multiplier does not limit the order, an
 mortar projection local and bounded, which is the inf-sup condition, for any ratio of the meshes;
 for contact see Hueeber, Mair, Wohlmuth, Appl. Numer. Math. 54 (2005) 555-576. Over a part of an
 edge the integral of an end's function may be negative: edges covered in part have multipliers dual
-to the hats, for their ends alone, and those that lack little a mean of both. The field of normals and the projection are those of the straight
-edges; the gap counts how far the boundary bows from them. Where the sides of elements are curved
-themselves, integrals are along their parabolas, and a node's normal is that of int phi_i n ds: the
-force of a uniform pressure, whose length is the weight.
+to the hats, for their ends alone, and those that lack little a mean of both. The field of normals
+and the projection are those of the straight edges; the gap counts how far the boundary bows from
+them. Where the sides of elements are curved themselves, integrals are along their parabolas, and a
+node's normal is that of int phi_i n ds: the force of a uniform pressure, whose length is the
+weight.
 """
 
 from dataclasses import dataclass

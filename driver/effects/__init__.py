@@ -134,10 +134,10 @@ class Effect:
         return []
 
     def friction_coefficient(self, contact) -> np.ndarray | None:
-        """(n_c,) F of the friction bound F |lambda_n|."""
+        """(n_c,) F of the friction bound F |lambda_n|, by columns, weight, label, xy, normal."""
 
     def friction_offset(self, contact) -> np.ndarray | None:
-        """(n_c,) nodal force of the friction bound that needs no pressure."""
+        """(n_c,) nodal force of the friction bound that needs no pressure, by the same."""
 
     def pulls(self, contact) -> np.ndarray | None:
         """(n_c,) whether contact pulls as well: the node does not lift off."""

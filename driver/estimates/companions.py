@@ -211,7 +211,9 @@ class Companions:
             peaks = self._peaks(len(good), stride) if self.step else []
             parts["displacement"] = self.caution.beside(
                 parts["displacement"], self.values["displacement"], peaks, touches, self.ratios)
-        if left := unresolved.halvings(touches, self.ratios):
+        # of adapted meshes it is not known how long elements at the corner are
+        left = 0.0 if self.levels.refined else unresolved.halvings(touches, self.ratios)
+        if left:
             parts = unresolved.of_corners(parts, good[0], self.ratios[0], left)
         parts = unresolved.claimable(parts, self.values, self.caution.touch.nodes > 0)
         return unresolved.known(parts, self.unresolved(corners=left > 0), self.values,

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..effects import Effects
 from ..march.step import Step
-from ..results.quantities import NOTHING as LEFT
+from ..results.quantities import NOTHING as CARRIED  # part of the largest that is none
 from ..scene.manifest import Manifest
 from . import recovery
 from .bound import (COULOMB, EARLIER, EXCLUDED, EquilibratedBound, Estimate,
@@ -73,18 +73,26 @@ class EnergyEstimator:
 
     @property
     def considered(self) -> list[tuple[Step, dict]]:
-        """The last step and that with most energy, if another one, with their contact states."""
+        """The last step, that with most energy, if another one, and where contact carries nothing
+        in the last one that in which it carries most, with their contact states.
+        """
         kept = [k for k in (self.last, self.largest) if k is not None]
+        kept += [self.carrying] if self._lost else []
         return [(step, state) for _, step, state in {k[1].index: k for k in kept}.values()]
+
+    @property
+    def _lost(self) -> bool:
+        """Whether contact carries nothing in the last step, and did so before."""
+        if self.last is None:
+            return False
+        most = self._carried(self.carrying)
+        return most > 0 and self._carried(self.last) <= CARRIED * most
 
     def unloaded(self, estimates: list[tuple[Step, Estimate]]) -> Estimate | None:
         """Of the step in which contact carries most, if it carries nothing in the last one and
         the step is in none of the `estimates`; the same on all ranks.
         """
-        if not estimates:
-            return None
-        most = self._carried(self.carrying)
-        if not most or self._carried(self.last) > LEFT * most:
+        if not estimates or not self._lost:
             return None
         _, step, state = self.carrying
         if step.index in (other.index for other, _ in estimates):

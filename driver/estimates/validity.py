@@ -1,6 +1,7 @@
 """Whether the assumptions of a run hold: small strains, small rotations, linear contact.
 
-Checked are the last step and that with most energy, at the displaced places:
+Checked are the last step, that with most energy and, where contact is lost at the end, that in
+which it carries most, at the displaced places:
 
 strain    largest principal strain of a triangle's mean. Linear strains lack half the square of the
           displacement gradient: their relative error is about half of the strain

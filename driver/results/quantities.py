@@ -58,7 +58,7 @@ def of_moment(effects, nodes: dict, steps: dict, displacement, index: int) -> di
               "displacement": displacement[index]}
     if effects.frictional:
         values["tangential_resultant"] = resultant(shares, steps["sigma_t"][index], weight)
-    return {name: float(value) for name, value in values.items()}
+    return {name: float(values[name]) for name in effects.quantities if name in values}
 
 
 def resultant(shares: np.ndarray, tractions: np.ndarray, weight: np.ndarray):

@@ -104,7 +104,7 @@ def _write(directory: Path, request: Request, search: goal.Search, status: int, 
     writer = Writer(directory, problem.manifest, problem.operator, level.solver, request.fields)
     states, energies = zip(*(writer.add(step) for step in level.steps))
     most = max(range(len(states)), key=energies.__getitem__)
-    checked = {len(states) - 1, most}
+    checked = {len(states) - 1, most, level.at}
     valid = validity.assess(problem, writer.contact,
                             [(level.steps[k], states[k]) for k in sorted(checked)])
     writer.close()

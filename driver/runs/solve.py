@@ -255,10 +255,12 @@ def _estimate(errors: dict, directory: Path, request: Request, problem: Problem,
     for step, estimate in estimates:
         if estimate.indicator is not None:
             writer.indicate(step, estimate.indicator)
+    carrying = estimator.unloaded(estimates)
     errors["energy"] = report(estimates, estimator.kind, excluded(problem.manifest), estimator.why,
-                              estimator.unloaded(estimates))
+                              carrying)
     if request.refine:
-        _next_mesh(directory, estimator, estimates)
+        _next_mesh(directory, estimator,
+                   [*(estimate for _, estimate in estimates), *([carrying] if carrying else [])])
     lap("energy_error")
     if request.errors == "yes" and not failure:
         with drawn_aside(directory, request, problem.manifest.nodes,
@@ -273,8 +275,7 @@ def _next_mesh(directory: Path, estimator: EnergyEstimator, estimates: list) -> 
     """Leave the element sizes of the next cycle's mesh."""
     with agreed_writes(estimator.operator.comm):
         if estimator.gather.root:
-            adaptivity.next_mesh(directory / refinement.STEM, estimator,
-                                 [estimate for _, estimate in estimates])
+            adaptivity.next_mesh(directory / refinement.STEM, estimator, estimates)
 
 
 def _budget(errors: dict, directory: Path, request: Request, problem: Problem, writer: Writer,

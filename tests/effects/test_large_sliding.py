@@ -636,6 +636,8 @@ def test_a_seam_that_opens_and_closes_under_a_side(solved, scene, crack):
     assert run.history["geometries"][-1] < 10
     forces = read_table(run.directory / "boundaries.csv")
     assert float(forces["force_y"][-1]) == pytest.approx(2.5, rel=1e-4)
+    lengths = forces["contact_length"].astype(float)
+    assert run.history["contact_length"].tolist() == lengths.tolist()
 
 
 @pytest.mark.parametrize("element", ["P1", "P2"])

@@ -285,6 +285,8 @@ def test_studies_vary_the_way(solved, scene, tmp_path, motion):
     table = read_table(single.directory / "boundaries.csv")
     for name, column in (("dissipated", "dissipated_energy"), ("contact_length",) * 2):
         assert float(last[name]) == pytest.approx(table[column][-1], rel=1e-6)
+    lengths = table["contact_length"].astype(float)
+    assert single.history["contact_length"].tolist() == lengths.tolist()
 
 
 def test_leaving_it_out_leaves_the_obstacle_where_it_was(solved, scene):

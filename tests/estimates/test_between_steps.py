@@ -87,14 +87,15 @@ def test_a_moment_in_the_first_step_has_the_start_before_it():
 
     record = object.__new__(Record)
     record.effects = SimpleNamespace(contact=False)
-    record.displacements, record._columns = [history(0.2 * k) for k in range(1, 6)], lambda: ({}, {})
-    record.cycles = None
+    record.displacements = [history(0.2 * k) for k in range(1, 6)]
+    record._columns, record.cycles = lambda: ({}, {}), None
     left = between_steps.of_moment(manifest(history, 5), record, 0)["displacement"]
     assert 1.0 - history(0.2) <= 1.2 * left
 
 
 @pytest.mark.parametrize("at, recorded, found, share", [
-    (3, 10, {}, 1.0), (9, 10, {}, 0.0), (3, 20, {}, 1.0),  # the end; steps of more than one cycle
+    # in the history, at its end, in steps of more than one cycle
+    (3, 10, {}, 1.0), (9, 10, {}, 0.0), (3, 20, {}, 1.0),
     (3, 10, {"force": Part(0.5), "slip": Part(0.1)}, None)])
 def test_claims_of_a_moment_before_the_end_have_what_steps_leave_open(at, recorded, found, share):
     """Slip adds up, and is of no moment."""

@@ -78,6 +78,8 @@ def test_the_step_of_the_quantities_is_kept_where_contact_is_lost(monkeypatch, f
         of.consider(SimpleNamespace(index=k + 1), {"sigma_n": np.array([-force])}, stored)
     assert of.unloaded(of.estimates()) == estimated
     assert [of.kept(k) is None for k in (2, 3)] == [not any(forces), False]
+    looked_at = {step.index for step, _ in of.considered}  # validity, sizes of the next mesh
+    assert (2 in looked_at) == (estimated == 2 or energies[1] > energies[2])
 
 
 def test_the_friction_part_is_the_way_to_the_fixed_point(estimated):

@@ -143,9 +143,10 @@ def test_which_steps_are_estimated():
     of = object.__new__(energy.EnergyEstimator)
     steps = [SimpleNamespace(index=k) for k in range(4)]
     of.kind, of.operator = "recovery", SimpleNamespace(comm=SimpleNamespace(bcast=lambda e: e))
-    of._estimate = lambda step, state: step.index
+    of._estimate, of.contact = lambda step, state: step.index, SimpleNamespace(boundary=None)
     for last, largest, expected in ((1.0, 2.0, [3, 1]), (1e-13, 2.0, [1]), (2.0, None, [3])):
-        of.last, of.largest = (last, steps[3], "state"), (largest, steps[1], "state")
+        of.last, of.largest = (last, steps[3], {}), (largest, steps[1], {})
+        of.carrying = of.largest  # contact carries nothing
         if largest is None:
             of.largest = of.last
         assert [e for _, e in of.estimates()] == expected
