@@ -105,8 +105,9 @@ def test_claims_of_a_moment_before_the_end_have_what_steps_leave_open(at, record
     of = object.__new__(Companions)
     of.values, of.at, of.manifest = {"force": 1.0, "slip": 0.1}, at, manifest(history, 10)
     cycles = SimpleNamespace(place=lambda step: (step - 1) % 10 + 1) if recorded > 10 else None
-    of.record = SimpleNamespace(displacements=[1.0] * recorded, cycles=cycles, beside=lambda index: [
-        {"force": history((index + k) / 10)} for k in (0, 1, 2)])
+    of.record = SimpleNamespace(
+        displacements=[1.0] * recorded, cycles=cycles,
+        beside=lambda index: [{"force": history((index + k) / 10)} for k in (0, 1, 2)])
     parts = of._of_instant(found)
     expected = 0.5 if share is None else share * OF_TIME * (1 - np.sin(0.48 * np.pi))
     assert parts["force"].error == pytest.approx(expected, rel=0.1)
