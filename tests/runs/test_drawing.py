@@ -62,7 +62,7 @@ def test_an_error_of_the_block_ends_what_is_done_aside(tmp_path):
 
 @pytest.mark.parametrize("nodes, ranks, cores, more", [
     (drawing.SMALL + 1, 1, 2, {}), (9, 2, 2, {}), (9, 1, 1, {}), (9, 1, 2, {"figures": False}),
-    (9, 1, 2, {"cycles": ("one",)})])
+    (9, 1, 2, {"refined": ("one",)})])
 def test_nothing_is_drawn_aside(monkeypatch, tmp_path, nodes, ranks, cores, more):
     """On large bodies both would take too much memory, ranks and other work keep the cores busy,
     and cycles of refinement have a figure of their own, whose table comes later.
