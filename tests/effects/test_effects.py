@@ -304,6 +304,7 @@ def test_ledger_of_a_run(solved):
     assert not found["body_force"]["declared"] and not found["gap"]["declared"]
 
 
+@pytest.mark.slow  # two whole runs
 def test_screen_says_what_never_mattered(command, tmp_path):
     text = MODEL.read_text().replace('include "export.idp"',
                                      'macro gap() 1. //\ninclude "export.idp"')

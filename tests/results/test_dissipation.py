@@ -153,6 +153,7 @@ def test_a_static_step_onto_an_obstacle_does_the_work_of_its_history(solved, tmp
     assert entry.get("time", 0.0) <= left * static
 
 
+@pytest.mark.slow  # runs at several cuts
 def test_work_of_a_first_step_does_not_depend_on_the_cut(solved, tmp_path):
     """Where the body would go without contact is that of the whole body, not of its pieces, which
     hang on their corners: 7 of them had said a sixth less.

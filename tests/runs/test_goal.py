@@ -305,6 +305,7 @@ def test_displacements_of_supports_end_a_search(error, sizes, ends):
         search._refuse_supported(entry)
 
 
+@pytest.mark.slow  # a search
 def test_a_search_claims_what_a_run_claims_of_a_support(solved):
     """The driven support's own displacement agrees on all meshes; beside it the pad bulges."""
     run = solved("tutorial", accuracy="5%,displacement", errors="no")
