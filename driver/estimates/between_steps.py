@@ -70,7 +70,7 @@ def of_obstacles(motion, steps: int, stride: int = 1) -> dict[str, tuple[float, 
     return found
 
 
-def of_moment(manifest, record, at: int) -> dict[str, float]:
+def of_earlier_moment(manifest, record, at: int) -> dict[str, float]:
     """What steps leave open of the quantities of the step `at`, an index in the `record`, where
     they do not belong to the last one: as `of_instant`, empty for the last.
 

@@ -11,7 +11,7 @@ from ..march.step import Step
 from ..options import Settings
 from ..results.record import Record
 from . import caution, jumps, soundness, unresolved
-from .between_steps import Strides, finer, of_moment
+from .between_steps import Strides, finer, of_earlier_moment
 from .budget import (OF_TIME, Part, coarser, extrapolate, formal_order, mesh_knob, name_of,
                      located, of_one_step, ratio, summed)
 from .budget_words import advice
@@ -268,7 +268,7 @@ class Companions:
     def _of_instant(self, found: dict[str, Part]) -> dict[str, Part]:
         """The parts `found` of steps, no less than what is open of a moment before the end."""
         least = dict.fromkeys(self.values, 0.0)
-        left = of_moment(self.manifest, self.record, self.at)
+        left = of_earlier_moment(self.manifest, self.record, self.at)
         least |= {name: OF_TIME * size for name, size in left.items() if name in least}
         return {name: located(found.get(name, Part(0.0)), least[name]) for name in least}
 

@@ -125,10 +125,7 @@ class Record:
         """That of the last step so far, as of a scene's quantities."""
         if not self.effects.contact:
             return 0.0
-        nodes = self.nodes()
-        step = less_wear({name: column[-1][None] for name, column in self.states.items()})
-        if self.contact.boundary.moves:
-            step["gap"] = self.gaps[-1][None]
+        nodes, step = self._columns(slice(-1, None))
         return contact_length(nodes, chains(nodes), step, 0)
 
     def peak_nodes(self, index: int) -> np.ndarray:
@@ -185,11 +182,11 @@ class Record:
         return ({name: getattr(self.contact.boundary, name) for name in NODES}
                 | {"shares": self.shares})
 
-    def _columns(self) -> tuple[dict, dict]:
-        """Columns of the nodes and of the steps, as quantities.py takes them."""
-        nodes = self.nodes()
-        steps = less_wear({name: np.array(column) for name, column in self.states.items()})
-        steps |= {"work": np.array(self.work), **self.counted}
+    def _columns(self, which: slice = slice(None)) -> tuple[dict, dict]:
+        """Columns of the nodes and of the steps, or some of them, as quantities.py takes them."""
+        steps = less_wear({name: np.array(column[which]) for name, column in self.states.items()})
+        steps |= {"work": np.array(self.work[which])}
+        steps |= {name: column[which] for name, column in self.counted.items()}
         if self.contact.boundary.moves:
-            steps["gap"] = np.array(self.gaps)
-        return nodes, steps
+            steps["gap"] = np.array(self.gaps[which])
+        return self.nodes(), steps

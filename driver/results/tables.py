@@ -33,9 +33,8 @@ CONTACT = (
     Column("arc", "length", "arc length along the boundary"),
     Column("weight", "length", "length of the node's dual segment; of bodies of revolution the "
            "area that it sweeps"),
-    Column("normal_x", "1", "outward unit normal n of the body, at the end of the step where "
-           "contact follows the motion; t is n turned by +90 degrees"),
-    Column("normal_y", "1", "the same"),
+    *(Column(f"normal_{axis}", "1", "outward unit normal n of the body, at the end of the step "
+             "where contact follows the motion; t is n turned by +90 degrees") for axis in "xy"),
     Column("gap", "length", "distance to the obstacle or the other body along n before any "
            "load; of obstacles that move, where they stand at the end of the step; where contact "
            "follows the motion (largeSliding) the sum of u_n and the distance at the end of it"),

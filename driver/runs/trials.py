@@ -21,7 +21,7 @@ import math
 from ..effects import Effects
 from ..effects.quasistatic import proportional
 from ..errors import DriverError, NotConverged
-from ..estimates.between_steps import misses, of_moment
+from ..estimates.between_steps import misses, of_earlier_moment
 from ..estimates.budget import (OF_TIME, Part, extrapolate, formal_order, located, ratio,
                                 summed)
 from ..estimates.budget_words import SOURCES, share
@@ -242,7 +242,7 @@ class Trials:
         if "time" in parts:
             level = self.level(self.sizes[-1])
             history = dataclasses.replace(self.history, steps=level.declared)
-            left = of_moment(history, level.record, level.at)
+            left = of_earlier_moment(history, level.record, level.at)
             parts["time"] = parts["time"] | {
                 name: located(parts["time"][name], OF_TIME * size)
                 for name, size in left.items() if name in parts["time"]}

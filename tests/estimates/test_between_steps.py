@@ -89,7 +89,7 @@ def test_a_moment_in_the_first_step_has_the_start_before_it():
     record.effects = SimpleNamespace(contact=False)
     record.displacements = [history(0.2 * k) for k in range(1, 6)]
     record._columns, record.cycles = lambda: ({}, {}), None
-    left = between_steps.of_moment(manifest(history, 5), record, 0)["displacement"]
+    left = between_steps.of_earlier_moment(manifest(history, 5), record, 0)["displacement"]
     assert 1.0 - history(0.2) <= 1.2 * left
 
 

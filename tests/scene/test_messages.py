@@ -33,6 +33,15 @@ SMALL = {"cells": "2", "steps": "2"}
 
 
 @pytest.fixture
+def accepted(named_scene):
+    """accepted(text): the scene passes with this in place of its friction."""
+    def check(text: str) -> None:
+        pitfalls.check(named_scene("mine", SCENE.replace("macro friction() F //", text)), {})
+
+    return check
+
+
+@pytest.fixture
 def said(tmp_path):
     """said((old, new), ...): the message for the scene with its text changed."""
     def check(*changes, parameters=None) -> str:
@@ -540,18 +549,16 @@ def test_what_histories_call_asks_for_no_place_either(said):
                                    "amplitude1(t) x(t)", "obstacleX(t) (label == 3 ? t : 0.)",
                                    "amplitude1(t) (t/int1d(body, 3) ((x + 1.)*y)/2.)",
                                    "amplitude1(t) (t*int2d(body)(2*pi*x))"])
-def test_names_like_those_of_places_are_not_refused(named_scene, macro):
-    pitfalls.check(named_scene("mine", SCENE.replace(
-        "macro friction() F //", f"macro friction() F //\nmacro {macro} //")), {})
+def test_names_like_those_of_places_are_not_refused(accepted, macro):
+    accepted(f"macro friction() F //\nmacro {macro} //")
 
 
 @pytest.mark.parametrize("text", [
     'int n = physical("ratio", 1.5)*10;', 'int on = physical("share", 0.5) > 0.2, k = 3;',
     'int n = physical("number", 12);',
     "macro said() { bool a = x < 1.; bool b = y < 1.; cout << a << b << endl; } //\nsaid;"])
-def test_what_is_no_mistake_is_not_refused(named_scene, text):
-    pitfalls.check(named_scene("mine", SCENE.replace(
-        "macro friction() F //", f"{text}\nmacro friction() (said ? F : F) //")), {})
+def test_what_is_no_mistake_is_not_refused(accepted, text):
+    accepted(f"{text}\nmacro friction() (said ? F : F) //")
 
 
 @pytest.mark.parametrize("helper, words", [
