@@ -100,8 +100,7 @@ def study(words: list[str]) -> None:
     from .studies.study import describe as describe_study
     from .studies.study import make_study
 
-    summary, out = make_study(parse_pairs(words))
-    _page(out)
+    summary, out = make_study(parse_pairs(words), STARTED)
     print(describe_study(summary, out))
 
 

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import itertools
 import json
 import zlib
 from contextlib import contextmanager
@@ -69,7 +70,9 @@ def is_study(directory: Path) -> bool:
 def read_rows(path: Path) -> list[dict[str, str]]:
     """The rows of a CSV file, each a dict of texts by column. Raises OSError."""
     with open(path, newline="") as file:
-        return list(csv.DictReader(file))
+        names, *rows = list(csv.reader(file)) or [[]]
+    # as csv.DictReader, which takes three times as long
+    return [dict(itertools.zip_longest(names, row)) for row in rows if row]
 
 
 def read_table(path: Path) -> dict | None:

@@ -64,10 +64,10 @@ class Ranks(contextlib.ExitStack):
         status, reason = ranks.solve(request, manifest)
     """
 
-    def __init__(self, work: Path, stage, number: int | None):
-        """`number` None: as many as the size of the export pays for."""
+    def __init__(self, work: Path, stage, number: int | None, wanted=ranks_for):
+        """`number` None: as many as are `wanted` for the export, of which a function says that."""
         super().__init__()
-        self.work, self.stage, self.number = work, stage, number
+        self.work, self.stage, self.number, self.wanted = work, stage, number, wanted
         self._child, self._loaded = None, None  # ranks that were started; the Stage, here
 
     def prepare(self) -> bool:
@@ -79,7 +79,7 @@ class Ranks(contextlib.ExitStack):
         if self._child and self._child.poll() is not None:
             self._answer()  # there is none
         if self.number is None and (known := announced(self.work / "export")):
-            self.number = ranks_for(known)
+            self.number = self.wanted(known)
         if (self.number or 1) > 1:
             self._start()
         elif self._loaded is None:
@@ -95,7 +95,7 @@ class Ranks(contextlib.ExitStack):
         Raises InputError if a rank dies, Defect if it does of an unexpected exception.
         """
         if self.number is None:
-            self.number = ranks_for(manifest)
+            self.number = self.wanted(manifest)
         if self.number == 1:
             return solve_here(self.work, request, self._loaded or load(self.stage))
         request.write(self.work)

@@ -5,9 +5,7 @@ from pathlib import Path
 from ..estimates import budget_words, price_words
 from ..results import screen
 from ..text import counted, shown
-
-
-LITTLE = 0.02  # of the total: stages below it together go without a word
+from . import seconds
 
 
 def describe(summary: dict, out: Path) -> str:
@@ -24,7 +22,7 @@ def describe(summary: dict, out: Path) -> str:
              f"{counts['fixed_point_iterations']} fixed-point iterations, "
              f"{counts['dual_multiplications']} products with F, {newton}largest KKT residual "
              f"{worst:.1e}, force balance {summary['balance']:.1e}",
-             f"{_seconds(summary['seconds'])}, results in {shown(out)}",
+             f"{seconds.words(summary['seconds'])}, results in {shown(out)}",
              *never_mattered(summary["effects_ledger"]),
              *screen.materials(summary.get("materials", []), summary["units"]),
              *screen.boundaries(summary.get("boundaries", []), summary["units"]),
@@ -52,16 +50,3 @@ def never_mattered(ledger: dict[str, dict]) -> list[str]:
     """One sentence for every effect that is declared and was not active."""
     return [f"{name.replace('_', ' ')} is declared but {entry['reason']}"
             for name, entry in ledger.items() if entry["declared"] and entry["active"] is False]
-
-
-def _seconds(seconds: dict) -> str:
-    """Seconds of the stages in words."""
-    stages = {"FreeFEM": "export", "setup": "setup", "solve": "solve",
-              "other solutions": "uniqueness", "output": "output", "error estimates": "estimates",
-              "figures": "figures", "start": "start"}
-    spent = {title: seconds[name] for title, name in stages.items() if name in seconds}
-    other = seconds["total"] - sum(spent.values())
-    if other >= LITTLE * seconds["total"]:
-        spent["other"] = other
-    parts = [f"{title} {value:.2f}" for title, value in spent.items()]
-    return f"{seconds['total']:.2f} s ({', '.join(parts)})"

@@ -18,13 +18,12 @@ from .. import options
 from ..arguments import EVERY
 from ..errors import PARTIAL, InputError, error_of, words_of
 from ..estimates import refinement
-from ..files import write_json
 from ..march import checkpoint
 from ..options import RESULTS
 from ..scene import explain, freefem, grammar, seal
 from ..scene.manifest import Manifest
 from ..text import shown
-from . import drawing, guard, hosts, launch, watch
+from . import drawing, guard, hosts, launch, seconds, watch
 from .request import Request
 from .workspace import Workspace, unconverged
 
@@ -172,8 +171,8 @@ def _cycle(run: Run, place: Workspace, work: Path, before: list[Path],
         content = seal.read(work / "export").content
         identity = checkpoint.fingerprint(content, {**request.settings, **choices})
         _resume(run, place, work, identity)
-        seconds = {**refinement.seconds(before), "export": time.perf_counter() - clock}
-        request = dataclasses.replace(request, fingerprint=identity, seconds=seconds)
+        spent = {**refinement.seconds(before), "export": time.perf_counter() - clock}
+        request = dataclasses.replace(request, fingerprint=identity, seconds=spent)
         return solve(run, ranks, request, manifest)
 
 
@@ -211,30 +210,13 @@ def _complete(run: Run, work: Path, cycles: list[Path], since: float) -> None:
     if run.animate:
         _animate(work)
     if run.figures or run.animate:
-        _count(work, "figures", time.perf_counter() - clock)
-    _count_rest(work, since)
+        seconds.count(work, "figures", time.perf_counter() - clock)
+    seconds.count_rest(work, since)
     _try(lambda: _report(work), work, "report.html could not be written: {}; 'make report' "
          "writes it from the results")
     (work / "export" / "freefem.log").rename(work / "freefem.log")
     for folder in ("export", "companions"):  # the latter if a rank has died over the estimates
         shutil.rmtree(work / folder, ignore_errors=True)
-
-
-def _count(work: Path, stage: str, spent: float) -> None:
-    """Add the seconds of a stage after the solution to the summary: the user waits for it, too."""
-    summary = json.loads((work / "summary.json").read_text())
-    total = summary["seconds"].pop("total") + spent
-    summary["seconds"] |= {stage: summary["seconds"].get(stage, 0.0) + spent, "total": total}
-    write_json(work / "summary.json", summary)
-
-
-def _count_rest(work: Path, since: float) -> None:
-    """Count what no stage does: programs, packages and ranks take time to start.
-
-    Seconds before an interruption are among those of the stages, and more than those `since`.
-    """
-    stages = json.loads((work / "summary.json").read_text())["seconds"]["total"]
-    _count(work, "start", max(0.0, time.perf_counter() - since - stages))
 
 
 def _animate(work: Path) -> None:

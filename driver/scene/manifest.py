@@ -187,8 +187,11 @@ def _is(value, kind) -> bool:
 
 def _finite(values) -> bool:
     """Whether it is a list of finite numbers."""
-    return isinstance(values, list) and all(_is(value, (int, float)) and abs(value) < math.inf
-                                            for value in values)
+    try:
+        return (isinstance(values, list) and set(map(type, values)) <= {int, float}
+                and all(map(math.isfinite, values)))
+    except OverflowError:  # a whole number beyond what is finite in double precision
+        return False
 
 
 def _check_manifest(manifest: Manifest) -> None:

@@ -4,15 +4,15 @@ import itertools
 from pathlib import Path
 
 from ..contact.states import STATUS_NAMES, ContactField
-from ..files import write_json, write_rows, write_table
+from ..files import write_rows, write_table
 from ..results.contact_state import WEAR
 from ..runs.request import Request
 
 FIELDS = tuple(name for name in ContactField if name != ContactField.STATUS)
 
 
-def write(directory: Path, request: Request, contact, outcomes: list, summary: dict) -> None:
-    """study.csv, history.csv, contact.csv and summary.json in `directory`.
+def write(directory: Path, request: Request, contact, outcomes: list) -> None:
+    """study.csv, history.csv and contact.csv in `directory`.
 
     `outcomes` are parametric.Outcome, of every value of the `request` one, `contact` the declared
     contact boundary.
@@ -43,4 +43,3 @@ def write(directory: Path, request: Request, contact, outcomes: list, summary: d
                            map(STATUS_NAMES.__getitem__, outcome.fields["status"]))]
     if rows:
         write_rows(directory / "contact.csv", [name, *nodal], rows)
-    write_json(directory / "summary.json", summary)

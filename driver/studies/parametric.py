@@ -11,6 +11,7 @@ from ..contact.states import STATUS_NAMES
 from ..effects import Effects
 from ..errors import DriverError, InputError, NotConverged, agree
 from ..feti.compliance import ContactCompliance
+from ..files import write_json
 from ..march.problem import assemble
 from ..march.step import StepFailed
 from ..march.uniqueness import DOUBTFUL_FRICTION
@@ -27,11 +28,10 @@ from ..scene.manifest import Manifest, read_manifest
 from ..scene.study_value import read_value
 from ..timing import Laps
 from . import outcomes as outcomes_files
+from . import value_chains
 from .load_values import LoadValues, unvaried
 
 LARGEST = 2000  # contact rows beyond which the condensation takes longer than a hundred runs save
-CHAIN = 20  # values that follow one another at most
-CHAINS = 8  # chains at least, for the ranks to share
 
 
 def run(directory: Path, request: Request, comm) -> tuple[int, str]:
@@ -68,7 +68,6 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
     problem = dataclasses.replace(problem, operator=operator)
     outcomes = _outcomes(problem, settings, values, request, condensed, comm)
     lap("solve")
-    seconds["total"] = sum(seconds.values())
     failed = [k for k, outcome in enumerate(outcomes) if outcome.status]
     status = max((outcome.status for outcome in outcomes), default=0)
     name, reason = request.study.upper(), ""
@@ -76,6 +75,9 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
         reason = (f"{len(failed)} of {len(outcomes)} values did not converge, the first "
                   f"{name}={request.values[failed[0]]}: {outcomes[failed[0]].reason}")
     if comm.rank == 0:
+        outcomes_files.write(directory, request, structure.contact.declared, outcomes)
+        lap("output")
+        seconds["total"] = sum(seconds.values())
         products = sum(outcome.row["dual_multiplications"] for outcome in outcomes)
         parameters = {n: v for n, v in manifest.parameters.items() if n != request.study}
         warnings = _grouped(name, request.values, outcomes)
@@ -85,13 +87,8 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
                    "counts": {"dual_multiplications": products}, "seconds": seconds,
                    "ranks": comm.size, "units": manifest.units,
                    "parameters": {**parameters, **dataclasses.asdict(settings)}}
-        outcomes_files.write(directory, request, structure.contact.declared, outcomes, summary)
+        write_json(directory / "summary.json", summary)
     return status, reason
-
-
-def chain_length(count: int) -> int:
-    """Values in a chain, of `count` in all."""
-    return min(CHAIN, -(-count // CHAINS))
 
 
 def _values(directory: Path, request: Request, base: Manifest, comm) -> list:
@@ -112,13 +109,12 @@ def _values(directory: Path, request: Request, base: Manifest, comm) -> list:
 def _outcomes(problem, settings, values: list, request: Request, apart: bool, comm):
     """All values in their order, solved on all ranks or, if `apart`, in chains on one rank each.
 
-    `values` holds manifest and Value of each. In a chain a value starts near the one before. Chains
-    do not depend on the number of ranks.
-    Collective over `comm`. Raises DriverError.
+    `values` holds manifest and Value of each. In a chain (value_chains.py) a value starts near the
+    one before. Collective over `comm`. Raises DriverError.
     """
     structure, solved, error, near = problem.structure, {}, None, None
     count = len(request.values)
-    chain = chain_length(count)
+    chain = value_chains.length(count)
     mine = [k for k in range(count) if not apart or k // chain % comm.size == comm.rank]
     try:
         for done, k in enumerate(mine, 1):
@@ -271,17 +267,18 @@ def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndar
 
     shares, before = label_shares(operator.structure)[1], 0.0
     record = Record(operator, solver) if contact.following is not None else None
+    place = _place(contact)
 
     def add(step) -> None:
-        nonlocal fields, u_t, before
-        if record is not None:
-            fields = dict(record.add(step)[1]) | {"gap": record.gaps[-1]}
+        nonlocal fields, u_t, before, place
+        if record is not None:  # the boundary is that of the step
+            fields, place = dict(record.add(step)[1]) | {"gap": record.gaps[-1]}, _place(contact)
         else:
             fields = _fields(solver, step, u_t, contact.way(before, step.time))
             fields["gap"] = contact.at(step.time).gap
         u_t, before = fields["u_t"], step.time
         bare = less_wear(fields)
-        row = _quantities(contact, shares, bare)
+        row = _quantities(*place, shares, bare)
         if WEAR in fields:
             row["worn_volume"] = float(fields[WEAR] @ contact.weight)
         dissipated = float(friction.add(step.time, bare, fields["gap"]).sum())
@@ -376,13 +373,18 @@ def _fields(solver, step, u_t: np.ndarray, way) -> dict[str, np.ndarray]:
     return fields if wear is None else fields | {WEAR: depth}
 
 
-def _quantities(contact, shares: np.ndarray, fields: dict) -> dict:
+def _place(contact) -> tuple[dict, list[np.ndarray]]:
+    """Columns of the nodes of a contact boundary, and the chains that these make."""
+    nodes = {name: getattr(contact, name) for name in NODES}
+    return nodes, chains(nodes)
+
+
+def _quantities(place: dict, pieces: list[np.ndarray], shares: np.ndarray, fields: dict) -> dict:
     """Resultants, peak, length and zones of one step, as history.csv of single runs has them.
 
-    `shares` of labels in nodes as from shares.py.
+    `place` and `pieces` as from `_place`, `shares` of labels in nodes as from shares.py.
     """
-    w, place = contact.weight, {name: getattr(contact, name) for name in NODES}
-    pieces = chains(place)
+    w = place["weight"]
     now = {name: values[None] for name, values in fields.items()}
     nodes = np.bincount(fields["status"], minlength=3)
     return {"resultant_n": 0.0 - float(resultant(shares, -fields["sigma_n"], w)),

@@ -12,6 +12,7 @@ contact data and histories of all values in one process that assembles nothing. 
 `contact.csv` one per value and contact node at the last step.
 """
 
+import functools
 import json
 import shutil
 import time
@@ -23,12 +24,14 @@ from .. import options
 from ..errors import InputError, error_of
 from ..options import RESULTS
 from ..runs import hosts, launch
+from ..runs import seconds as stages
 from ..runs.request import Request
 from ..runs.run import Run, solve
 from ..runs.workspace import Workspace
 from ..scene import freefem
 from ..scene.manifest import Manifest
 from ..text import shown
+from . import value_chains
 
 SHOWN = 3  # warnings on the screen
 
@@ -40,38 +43,53 @@ def parametric():
     return launch.Stage(run)
 
 
-def make_study(pairs: dict[str, str]) -> tuple[dict, Path]:
+def make_study(pairs: dict[str, str], since: float | None = None) -> tuple[dict, Path]:
     """Run a study as given by NAME=VALUE pairs; returns its summary and directory.
 
     Exactly one scene parameter holds several values: first:last:count, equally spaced, or a,b,c.
+    Seconds count from `since`, a time.perf_counter(), by default from now on.
     Raises DriverError; values that did not converge are reported at the end and kept in the files,
     marked so.
     """
+    since = time.perf_counter() if since is None else since
     name, values = _studied(pairs)
     pairs = {**pairs, name: values[0]}
     options.read("study", pairs)
     run = Run.from_pairs(pairs)
     out = (run.out if "out" in pairs else RESULTS / "study" / f"{run.scene.stem}-{name}")
     with Workspace(out) as place:
-        clock, work = time.perf_counter(), place.path
+        work = place.path
         hosts.check(work, run.front_ranks)
-        with launch.Ranks(work, parametric, run.ranks) as ranks:
+        wanted = functools.partial(value_chains.ranks_for, count=len(values))
+        with launch.Ranks(work, parametric, run.ranks, wanted) as ranks:
+            clock = time.perf_counter()
             manifest = _export(run, work, name, values, ranks)
             request = Request.of(run, study=name, values=tuple(values),
                                  seconds={"export": time.perf_counter() - clock})
             status, reason = solve(run, ranks, request, manifest)
         if not (work / "summary.json").exists():
             raise error_of(status, reason)
-        if run.figures:
-            from ..figures.study import draw
-
-            draw(work)
+        _complete(run, work, since)
         for folder in ("export", "values"):
             shutil.rmtree(work / folder)
         out = place.publish(place.out)
     if status:
         raise error_of(status, f"{reason}; the study is kept in {shown(out)}")
     return json.loads((out / "summary.json").read_text()), out
+
+
+def _complete(run: Run, work: Path, since: float) -> None:
+    """Figures and page; the user has waited `since`, a time.perf_counter()."""
+    from ..report.study import write
+
+    if run.figures:
+        from ..figures.study import draw
+
+        clock = time.perf_counter()
+        draw(work)
+        stages.count(work, "figures", time.perf_counter() - clock)
+    write(work)
+    stages.count_rest(work, since)
 
 
 def _export(run: Run, work: Path, name: str, values: list[str], ranks: launch.Ranks) -> Manifest:
@@ -112,16 +130,13 @@ def _studied(pairs: dict[str, str]) -> tuple[str, list[str]]:
 
 def describe(summary: dict, out: Path) -> str:
     """Few lines about a finished study."""
-    s, counts = summary["seconds"], summary["counts"]
-    how = "not condensed"
+    counts, how = summary["counts"], "not condensed"
     if summary["condensed"]:
         how = f"{summary['contact_rows']} contact rows condensed"
     warnings = "".join(f"\n  {line}" for line in _first(summary["warnings"]))
     return (f"{summary['scene']}: {summary['values']} values of {summary['study']}, {how}, "
             f"{counts['dual_multiplications']} products\n"
-            f"  {s['total']:.2f} s (FreeFEM {s['export']:.2f}, setup "
-            f"{s['read'] + s['setup']:.2f}, condensation {s['condense']:.2f}, solve "
-            f"{s['solve']:.2f}), results in {shown(out)}{warnings}")
+            f"  {stages.words(summary['seconds'])}, results in {shown(out)}{warnings}")
 
 
 def _first(warnings: list[str]) -> list[str]:

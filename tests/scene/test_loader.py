@@ -805,6 +805,7 @@ def test_manifest_entry_of_the_wrong_type(small, read, name, value):
     ({"subdomains": 1}, "after its last record"), ({"blocks": 2}, "block"),
     ({"nodes": 9}, "node number"),
     ({"amplitudes": {"1": [0, float("nan"), 1]}}, "not finite"),
+    ({"amplitudes": {"1": [0, 10**400, 1]}}, "not finite"),
     ({"amplitudes": {"1": [0, 1]}}, "2 values"),
     ({"amplitudes": {}}, "amplitude 1"), ({"patterns": []}, "load patterns"),
     ({"contact_labels": [1, 77]}, "77"),

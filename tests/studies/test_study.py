@@ -1,5 +1,7 @@
 """Parameter studies: the condensed compliance, agreement with single runs, what a study refuses."""
 
+import json
+import time
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +10,7 @@ from conftest import load_response
 from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
+from driver import cli
 from driver.cli import parse_pairs
 from driver.errors import DriverError, InputError, NotConverged
 from driver.feti import compliance
@@ -17,7 +20,7 @@ from driver.files import read_rows
 from driver.scene import freefem
 from driver.scene.script import changed_by
 from driver.scene.study_value import Loads, Value, read_value
-from driver.studies import parametric, study
+from driver.studies import parametric, study, value_chains
 from driver.studies.load_values import LoadValues
 
 # The projected gradient to 1e-11 |d| leaves multipliers good to cond(F) = 3e3 times that, the fixed
@@ -128,8 +131,8 @@ def test_friction_values_agree_with_single_runs(made, solved):
 def test_values_depend_neither_on_their_order_nor_on_newton(made, monkeypatch, loading):
     """Forth and back, in chains of three that start elsewhere, and by successive approximations
     alone."""
-    monkeypatch.setattr(parametric, "CHAIN", 3)
-    monkeypatch.setattr(parametric, "CHAINS", 1)
+    monkeypatch.setattr(value_chains, "LONGEST", 3)
+    monkeypatch.setattr(value_chains, "FEWEST", 1)
     values = ["0.1", "0.12", "0.14", "0.16", "0.18", "0.9", "0.92", "1.2"]
     of = dict(scene="model", loading=loading, steps="6", uniqueness="no")
     forth, back, plain = (made(friction=",".join(order), **of, **more)[1] for order, more in (
@@ -333,13 +336,6 @@ def test_values_are_solved_on_the_whole_where_the_elimination_fails(made, solved
     compare(files["contact"], solved(friction=0.3, steps=2, **TIGHT), friction="0.3")
 
 
-@pytest.mark.parametrize("count, ranks", [(5, 2), (10, 4), (100, 8)])
-def test_every_rank_gets_values(count, ranks):
-    """Chains are the same for any number of ranks, and as many as a few ranks need."""
-    chain = parametric.chain_length(count)
-    assert {k // chain % ranks for k in range(count)} == set(range(ranks))
-
-
 def test_bodies_without_support_agree_with_single_runs(made, solved):
     """Nodes of the second and third body keep their numbers, a second parameter in the friction's
     statement its value."""
@@ -365,7 +361,7 @@ def test_a_value_without_equilibrium_is_reported_and_the_others_kept(tmp_path):
 @pytest.mark.slow
 def test_any_number_of_ranks_gives_the_same_bits(made):
     # more than one chain
-    values = dict(scene="model", friction=f"0.2:0.3:{parametric.CHAIN + 2}", steps="2")
+    values = dict(scene="model", friction=f"0.2:0.3:{value_chains.LONGEST + 2}", steps="2")
     one = made(**values)[1]
     assert one == made(**values, np="2")[1]
 
@@ -600,6 +596,19 @@ macro load1() pressure(3, 2.) //
 macro obstacleX(t) 0.5*t //
 include "export.idp"
 """
+
+
+def test_the_user_waits_for_all_that_is_printed(tmp_path, monkeypatch, capsys):
+    """Tables, figures and page count, as programs that start: `since` is before all of them."""
+    monkeypatch.setattr("driver.figures.study.draw", lambda folder: time.sleep(0.2))
+    monkeypatch.setattr(cli, "STARTED", time.perf_counter() - 100.0)
+    out = tmp_path / "study"
+    cli.study(["SCENE=model", "CELLS=2", "STEPS=1", "FRICTION=0.1,0.2", f"OUT={out}", "QUIET=yes"])
+    seconds = json.loads((out / "summary.json").read_text())["seconds"]
+    assert seconds["figures"] >= 0.2 and seconds["start"] >= 100.0 and seconds["output"] > 0
+    assert seconds["total"] == pytest.approx(sum(seconds.values()) - seconds["total"])
+    assert f"{seconds['total']:.2f} s (FreeFEM" in capsys.readouterr().out
+    assert (out / "report.html").exists()
 
 
 def test_friction_takes_the_work_that_it_takes_in_single_runs(made, named_scene):
