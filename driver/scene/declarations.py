@@ -272,9 +272,10 @@ def _evaluate(room: Room) -> list[str]:
 def _amplitude(number: int, absent: set[str]) -> list[str]:
     """The history of the loads with a number; that of a left-out one rests at the end time."""
     name = f"amplitude{number}"
-    time = "timeEnd" if name in absent else "libTime"
+    time = "timeEnd" if name in absent else "(timeEnd*libAt/(libHistory.n - 1))"
     return _if(name, f"if (libNumber == {number}) {{", f'evaluating("{name}")',
-               f"return {name}({time}); }}")
+               "for (int libAt = 0; libAt < libHistory.n; ++libAt)",
+               f"libHistory[libAt] = {name}({time}); }}")
 
 
 def _idle(absent: set[str]) -> list[str]:
