@@ -364,6 +364,7 @@ def test_a_curve_of_segments_is_smooth_between_them():
     np.testing.assert_allclose(one, other, atol=1e-6)
 
 
+@pytest.mark.slow  # a fine grid
 def test_a_curve_goes_over_ridges_that_end_between_lines_of_its_grid(exported, scene):
     """A ridge of 0.2 by 1 on a grid of 0.14: all pieces are on it, with its tip and its feet.
 
@@ -496,6 +497,7 @@ include "export.idp"
 """
 
 
+@pytest.mark.slow  # 640 steps
 def test_an_obstacle_that_the_first_step_takes_away_is_no_start_inside(exported, named_scene):
     """Of 20 steps it does, of 640 not: a search samples histories so finely, but takes no such
     steps.

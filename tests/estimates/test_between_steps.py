@@ -290,6 +290,7 @@ include "export.idp"
 """
 
 
+@pytest.mark.slow  # two runs with claims
 def test_a_turn_that_all_companions_would_miss_is_claimed(solved, tmp_path):
     """In two, four and eight steps the body ends sliding one way; it has turned back before."""
     path = tmp_path / "turns.edp"

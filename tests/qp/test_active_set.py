@@ -90,6 +90,7 @@ def test_a_descent_that_takes_too_long_ends(monkeypatch):
     assert solution_within(bounded(rocking(0), np.full(N, 0.1)), np.zeros(2 * N)) is None
 
 
+@pytest.mark.slow  # twelve problems
 def test_bodies_without_support_come_to_rest_on_springs():
     """Flats that rock and besides rise and shift with nothing to hold them: Newton's method circles
     in all of these. The end is that of the bodies themselves, in balance to rounding.

@@ -529,6 +529,7 @@ def test_mistakes(solved, tmp_path):
     assert run.status == 0 and run.summary["parameters"]["remesh"] < 1
 
 
+@pytest.mark.slow  # a search
 def test_the_screen_tells_what_was_reached(command, tmp_path):
     done = command("run", "SCENE=pressfit", "ACCURACY=3%", "FIGURES=no", "FIELDS=no",
                    f"OUT={tmp_path / 'out'}")

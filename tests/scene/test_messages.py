@@ -857,6 +857,7 @@ def test_what_gmsh_makes_is_judged(said, tmp_path, geo, words):
     assert words in said(*MESHED, parameters={"steps": "2"})
 
 
+@pytest.mark.slow  # three seconds of gmsh
 def test_gmsh_does_not_mesh_for_ever(said, tmp_path):
     (tmp_path / "mine.geo").write_text(GEO)
     fine = 'gmshSeconds = 3; body = gmshBody("mine.geo", 1e-6);'

@@ -415,6 +415,7 @@ def test_iteration_limit_of_mprgp(solved):
     assert found.summary["converged"] is False
 
 
+@pytest.mark.slow  # hundreds of iterations
 def test_fixed_point_that_does_not_contract_is_stopped(built, steps_of, monkeypatch):
     """A friction bound that never settles: stopped with a reason long before the iteration limit.
     """
