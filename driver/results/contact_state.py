@@ -2,19 +2,17 @@
 
 import numpy as np
 
-from ..contact.axis import on_axis
-from ..contact.states import OPEN, SLIP, ContactField
+from ..contact.states import ContactField
 from ..feti.nodal import NodalFields
 from ..feti.operator import DualOperator
 from ..feti.supports import constrained_keys
 from ..march.cycle_verdict import MOVED, WORN
 from ..march.quasistatic import QuasistaticSolver
 from ..march.step import Step
+from .held_nodes import ACROSS, HeldNodes, held_along, of_axis, untilted
 
 JOINTS, WEAR, HELD = "joints", "wear", "held"  # in what `ContactState.evaluate` returns
-ACROSS = 1e-6  # component of a tangent that is none
 SLID = "slip_law.accumulated_slip"  # of what a cycle hands on
-SLIDES = 1e-9  # part of the largest slip or displacement that is rounding
 
 
 def less_wear(states: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -22,50 +20,6 @@ def less_wear(states: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     if WEAR not in states:
         return states
     return states | {ContactField.U_N: states[ContactField.U_N] - states[WEAR]}
-
-
-def of_axis(b) -> np.ndarray:
-    """(n_c,) which nodes of a ContactBoundary `b` are on the axis of a revolution."""
-    return b.axisymmetric & on_axis(b.xy[:, 0])
-
-
-def without_row(b) -> np.ndarray:
-    """(n_c,) which nodes of a ContactBoundary `b` have no tangential row, as a support holds them.
-
-    Those on the axis of a revolution do not count, which has no circumference to rub.
-    """
-    return (b.tangential_row < 0) & ~of_axis(b)
-
-
-def held_along(b, constrained: np.ndarray) -> np.ndarray:
-    """(n_c,) which nodes of a ContactBoundary `b` a support holds wholly along it.
-
-    Of its displacement components `constrained` (n_c, 2) are given. Of a slanted boundary both must
-    be.
-    """
-    return without_row(b) & (constrained | (np.abs(b.tangent) < ACROSS)).all(axis=1)
-
-
-def untilted(tangent: np.ndarray, held: np.ndarray) -> np.ndarray:
-    """(n_c, 2) the tangents, of nodes `held` along the boundary less what rounding has tilted them.
-
-    What they move by along the normal is no slip: all that holds them would be friction.
-    """
-    return np.where(held[:, None] & (np.abs(tangent) < ACROSS), 0.0, tangent)
-
-
-def friction_of_held(held: np.ndarray, bound: np.ndarray, slip: np.ndarray, before: np.ndarray,
-                     reach: float) -> np.ndarray:
-    """(n_c,) tangential forces of the nodes that are `held` along the boundary, zero of others.
-
-    What holds them prescribes their slip and takes the friction, on which no deformation depends:
-    the `bound` (n_c,) against the `slip` (n_c,); where that is zero, but for the rounding of
-    displacements up to `reach`, what it was `before`.
-    """
-    size = max(reach, np.abs(slip).max(initial=0.0))
-    moves = np.abs(slip) > SLIDES * size
-    return np.where(held, np.where(moves, np.sign(slip) * bound, np.clip(before, -bound, bound)),
-                    0.0)
 
 
 class ContactState:
@@ -79,11 +33,7 @@ class ContactState:
         self.solver = solver
         # of the step before: tangential displacement less travel, and pattern factors of that
         self._elastic = self._weights = None
-        self._held = np.zeros(len(self.boundary.gid))  # friction of nodes held along the boundary
-        # tangential displacement relative to what is met, and the way slid, for laws of such nodes
-        self._relative = solver.initial[: len(self.boundary.gid)]
-        self._slip_law = solver.effects.rooms.get("slip_law")
-        self._way = self._slip_law and self._slip_law.of_others(self.boundary)
+        self.held = HeldNodes(self.boundary, solver.effects, solver.initial)
         # where the scene declares wear, that and the depth so far, by the slip of displacements
         self._wear = solver.effects.rooms.get("wear")
         self.worn = None if self._wear is None else np.zeros(len(self.boundary.gid))
@@ -182,13 +132,10 @@ class ContactState:
         self._time = step.time
         self._elastic, self._weights, self._before = elastic, weights, moved
         if self.frictional:  # a node constrained tangentially has no row of its own, but a bound
-            alone = b.tangential_row < 0
-            self._slide(values[0], slip)
-            values[2, alone] = self._bound(values[0])[alone]
-            reach = self._reach(moved, weights)
-            self._held = friction_of_held(held, values[2], slip, self._held, reach)
-            values[1] += self._held
-            values[3, held & (values[3] != OPEN) & (np.abs(self._held) >= values[2])] = SLIP
+            bound = self.held.add(self.law, held, values[0], slip, self._reach(moved, weights))
+            values[2] = np.where(b.tangential_row < 0, bound, values[2])
+            values[1] += self.held.friction
+            values[3] = self.held.states(held, values[2], values[3])
         more = {} if self.worn is None else {WEAR: self._worn_by(slip, values[0])}
         if step.cycle:
             self._cycle_ends(step)
@@ -196,25 +143,28 @@ class ContactState:
                 ContactField.SIGMA_N: 0.0 - values[0] / b.weight,
                 ContactField.SIGMA_T: 0.0 - values[1] / b.weight,
                 ContactField.BOUND: values[2] / b.weight,
-                ContactField.STATUS: values[3].astype(int), JOINTS: joints, HELD: self._held}
+                ContactField.STATUS: values[3].astype(int), JOINTS: joints,
+                HELD: self.held.friction}
 
-    def _slide(self, force: np.ndarray, slip: np.ndarray) -> None:
-        """A step with this slip under normal forces (n_c,) ends, for a law that depends on it."""
-        if self._slip_law is not None:
-            self._relative = self._relative + slip
-            self._way.add(np.arange(len(slip)), slip, force)
-
-    def _bound(self, force: np.ndarray) -> np.ndarray:
-        """(n_c,) friction bounds under normal forces (n_c,), of nodes without a row."""
-        bound = self.law.friction_bound(force)
-        if self._slip_law is None:
-            return bound
-        return bound * self._slip_law.factor_at(self._relative, self._way.slid)
+    def prescribed(self) -> np.ndarray:
+        """(patterns, n_c) displacements along the boundary of the nodes held along it, by what each
+        pattern prescribes; zero of others. Collective.
+        """
+        b, structure = self.boundary, self.operator.structure
+        held, found = held_along(b, self.constrained), np.zeros((structure.patterns, len(b.gid)))
+        tangent = untilted(b.tangent, held)
+        for k, carried in enumerate(self._travel):
+            fields = [np.zeros(sub.dofs) for sub in structure.subdomains]
+            for field, fixed, values in zip(fields, structure.fixed, structure.fixed_values):
+                field[fixed] = values[k]
+            moved = self._jump(self._nodal(fields)) + carried
+            found[k] = np.where(held, (moved * tangent).sum(axis=1), 0.0)
+        return found
 
     def _handed_on(self) -> dict[str, np.ndarray]:
         """What a cycle hands on to the next, None what is not there."""
         return {MOVED: self._elastic, WORN: self.worn,
-                SLID: None if self._way is None else self._way.slid.copy()}
+                SLID: None if self.held.way is None else self.held.way.slid.copy()}
 
     def _cycle_ends(self, step: Step) -> None:
         """A cycle ends; what grows in those that are jumped over after it has grown."""
@@ -225,8 +175,8 @@ class ContactState:
                 now[name] = now[name] + step.skips * (now[name] - self._begun[name])
         self._begun, self._elastic = now, now[MOVED]
         self.worn = now[WORN]
-        if self._way is not None:
-            self._way.slid = now[SLID]
+        if self.held.way is not None:
+            self.held.way.slid = now[SLID]
 
     def _worn_by(self, slip: np.ndarray, force: np.ndarray) -> np.ndarray:
         """(n_c,) worn depth at the end of a step; supports that hold nodes are not worn against.

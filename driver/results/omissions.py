@@ -5,7 +5,7 @@ import numpy as np
 from ..contact.boundary import ContactBoundary
 from ..options import Settings
 from ..units import split_unit
-from .contact_state import without_row
+from .held_nodes import without_row
 
 SHAPED = {"obstacle", "obstacle_motion", "large_sliding", "bilateral"}  # else it is a mould
 SMOOTH, ROUND = np.cos(np.radians((20, 30)))  # normals of neighbours, and of a label's ends

@@ -4,31 +4,20 @@ import dataclasses
 from pathlib import Path
 
 import numpy as np
-from mpi4py import MPI
 
 from ..contact.nodes import contact_table, merge_parts
-from ..contact.states import STATUS_NAMES
 from ..effects import Effects
 from ..errors import DriverError, InputError, NotConverged, agree
 from ..feti.compliance import ContactCompliance
 from ..files import write_json
 from ..march.problem import assemble
-from ..march.step import StepFailed
-from ..march.uniqueness import DOUBTFUL_FRICTION
 from ..options import Settings
-from ..results import dissipation
-from ..results.contact_state import WEAR, less_wear, without_row
-from ..results.contact_edges import NODES, chains, contact_length
-from ..results.quantities import largest_pressure, resultant
-from ..results.record import Record
-from ..results.shares import label_shares
-from ..results.tables import shown
 from ..runs.request import Request
 from ..scene.manifest import Manifest, read_manifest
 from ..scene.study_value import read_value
 from ..timing import Laps
 from . import outcomes as outcomes_files
-from . import value_chains
+from . import value_chains, value_run
 from .load_values import LoadValues, unvaried
 
 LARGEST = 2000  # contact rows beyond which the condensation takes longer than a hundred runs save
@@ -56,6 +45,7 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
     values = [(loads.history(k, own, problem.manifest), value)
               for k, (own, value) in enumerate(values)]
     lap("setup")
+    prescribed = value_run.Prescribed.of(problem, settings)
     rows = len(structure.at_contact.row)
     follows = structure.contact.following is not None
     condensed = rows <= LARGEST and not structure.rigid_modes and not follows
@@ -66,7 +56,7 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
             condensed = False
     lap("condense")
     problem = dataclasses.replace(problem, operator=operator)
-    outcomes = _outcomes(problem, settings, values, request, condensed, comm)
+    outcomes = _outcomes(problem, settings, values, request, (condensed, prescribed), comm)
     lap("solve")
     failed = [k for k, outcome in enumerate(outcomes) if outcome.status]
     status = max((outcome.status for outcome in outcomes), default=0)
@@ -106,12 +96,15 @@ def _values(directory: Path, request: Request, base: Manifest, comm) -> list:
     return values
 
 
-def _outcomes(problem, settings, values: list, request: Request, apart: bool, comm):
+def _outcomes(problem, settings, values: list, request: Request,
+              how: tuple[bool, value_run.Prescribed], comm) -> list[value_run.Outcome]:
     """All values in their order, solved on all ranks or, if `apart`, in chains on one rank each.
 
-    `values` holds manifest and Value of each. In a chain (value_chains.py) a value starts near the
-    one before. Collective over `comm`. Raises DriverError.
+    `values` holds manifest and Value of each, `how` whether `apart`, and what supports prescribe.
+    In a chain (value_chains.py) a value starts near the one before. Collective over `comm`. Raises
+    DriverError.
     """
+    apart, prescribed = how
     structure, solved, error, near = problem.structure, {}, None, None
     count = len(request.values)
     chain = value_chains.length(count)
@@ -129,7 +122,7 @@ def _outcomes(problem, settings, values: list, request: Request, apart: bool, co
                 operator = problem.operator.with_contact(contact)
             near = near if k % chain else None
             own = dataclasses.replace(problem, manifest=manifest, operator=operator)
-            solved[k], near = _solve(own, settings, near)
+            solved[k], near = value_run.solve(own, settings, near, prescribed)
             _progress(request, comm, k, done, len(mine))
     except DriverError as refused:
         error = refused
@@ -239,157 +232,10 @@ def _places(boundary, read) -> np.ndarray:
     return places
 
 
-@dataclasses.dataclass
-class Outcome:
-    """One value: its rows of study.csv and history.csv, contact fields (n_c,) at the last step."""
-
-    status: int
-    reason: str
-    row: dict
-    history: list[dict]
-    fields: dict
-    warnings: list[str]
-
-
-def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndarray | None]:
-    """March through the steps of one value; also its multipliers of the first step.
-
-    `near` are those of another value. Where several solutions may exist each value finds its own.
-    """
-    operator, solver, first = problem.operator, problem.solver(settings), None
-    if solver.largest_friction <= DOUBTFUL_FRICTION:
-        solver.condensation.guess = near
-    history, fields, u_t, failure = [], {}, solver.initial, None
-    contact = operator.structure.contact.declared
-    u_t = u_t[: len(contact.gid)]
-    law = solver.effects.contact_law(contact)
-    friction = dissipation.of_run(solver, law, contact)
-
-    shares, before = label_shares(operator.structure)[1], 0.0
-    record = Record(operator, solver) if contact.following is not None else None
-    place = _place(contact)
-
-    def add(step) -> None:
-        nonlocal fields, u_t, before, place
-        if record is not None:  # the boundary is that of the step
-            fields, place = dict(record.add(step)[1]) | {"gap": record.gaps[-1]}, _place(contact)
-        else:
-            fields = _fields(solver, step, u_t, contact.way(before, step.time))
-            fields["gap"] = contact.at(step.time).gap
-        u_t, before = fields["u_t"], step.time
-        bare = less_wear(fields)
-        row = _quantities(*place, shares, bare)
-        if WEAR in fields:
-            row["worn_volume"] = float(fields[WEAR] @ contact.weight)
-        dissipated = float(friction.add(step.time, bare, fields["gap"]).sum())
-        dissipated += history[-1]["dissipated"] if history else 0.0
-        history.append({"step": step.index, "time": step.time, **row, "dissipated": dissipated,
-                        "fixed_point_iterations": step.fixed_point_iterations,
-                        "dual_multiplications": step.products, "kkt": max(step.residuals.values())})
-
-    try:
-        for step in solver.steps():
-            first = step.multipliers if step.index == 1 else first
-            add(step)
-    except StepFailed as stop:
-        failure = stop
-        if failure.step is not None:
-            add(failure.step)
-    counts, ended = solver.history.counts, solver.history
-    row = {"converged": "no" if failure else "yes", "steps": ended.steps,
-           **(history[-1] if history else {}),
-           "fixed_point_iterations": counts["fixed_point_iterations"],
-           "dual_multiplications": counts["dual_multiplications"],
-           "kkt": max(ended.residuals.values(), default=0.0),
-           "uniqueness": solver.uniqueness.verdict, **_cycles(solver)}
-    row.pop("step", None)
-    row.pop("time", None)
-    warnings = [*ended.warnings, *ended.fallbacks.warnings(), *solver.uniqueness.warnings(),
-                *_held(problem.manifest, operator.structure.contact, law)]
-    status, reason = (failure.exit_status, str(failure)) if failure else (0, "")
-    return Outcome(status, reason, row, history, fields, warnings), first
-
-
-def _grouped(name: str, values: list, outcomes: list[Outcome]) -> list[str]:
+def _grouped(name: str, values: list, outcomes: list[value_run.Outcome]) -> list[str]:
     """The warnings of all values of a parameter, each once, with the values that have it."""
     having = {}
     for value, outcome in zip(values, outcomes):
         for line in outcome.warnings:
             having.setdefault(line, []).append(str(value))
     return [f"{name}={','.join(own)}: {line}" for line, own in having.items()]
-
-
-def _held(manifest, contact, law) -> list[str]:
-    """A line if nodes may slide that supports hold, which rub in runs alone (contact_state.py)."""
-    b = contact.declared
-    alone, rubs = without_row(b), law.friction_bound(np.ones(len(b.gid))) > 0
-    moved = b.moves or any(p["kind"] == "displacement" for p in manifest.patterns)
-    if not (moved and (alone & rubs).any()):
-        return []
-    return [f"{np.count_nonzero(alone & rubs)} contact nodes that supports hold along the boundary "
-            "rub in runs, but not in studies: forces, work and states here lack their friction"]
-
-
-def _cycles(solver) -> dict:
-    """Columns on the cycles of a history that is repeated."""
-    if solver.cycles is None or not solver.cycles.past.rows:
-        return {}
-    last = solver.cycles.past.rows[-1]
-    return {"cycles": last["cycle"], "kind": last["kind"], "settled": shown(last["settled"])}
-
-
-def _fields(solver, step, u_t: np.ndarray, way) -> dict[str, np.ndarray]:
-    """Nodal contact quantities from multipliers and gradient: at its rows B u = c - gradient.
-
-    `u_t` (n_c,) are tangential displacements before the step, `way` (n_c,) or 0 is that of the
-    obstacles' surfaces in it: a node that does not slide goes with them, one that a support holds
-    stays. Where the scene declares wear its depth is among the quantities.
-    """
-    operator, rows, wear = solver.operator, solver.rows, solver.effects.rooms.get(WEAR)
-    contact = operator.structure.contact.declared
-    values = np.zeros((7, len(operator.structure.contact.gid)))
-    yielded = solver.closure.yielded(step.multipliers)  # beside what the gap has grown by before
-    values[0, rows.normal_node] = rows.gap + yielded - step.gradient[rows.normal]
-    if wear is not None:
-        values[6, rows.tangential_node] = wear.depth[rows.tangential_node]
-    structure = operator.structure
-    if structure.yields:  # B u = c - gradient + what the asperities yield
-        own = structure.compliance_of(structure.row_range[0] + rows.normal)
-        values[0, rows.normal_node] += own * step.multipliers[rows.normal]
-    values[1, rows.tangential_node] = -step.gradient[rows.tangential]
-    values[2, rows.normal_node] = -step.multipliers[rows.normal]
-    values[3, rows.tangential_node] = -step.multipliers[rows.tangential]
-    values[4, rows.tangential_node] = step.friction_bound
-    values[5, rows.normal_node] = step.status
-    # a node has one rank: no sum depends on their order
-    operator.comm.Allreduce(MPI.IN_PLACE, values)
-    u_n, slip, force_n, force_t, bound, status, depth = values[:, : len(contact.gid)]
-    w = contact.weight
-    if solver.effects.frictional:
-        held = structure.contact.tangential_row[: len(contact.gid)] < 0
-        slip = np.where(held, -way, slip)
-    fields = {"u_n": u_n, "u_t": u_t + way + slip, "slip": slip, "sigma_n": force_n / w + 0.0,
-              "sigma_t": force_t / w + 0.0, "bound": bound / w, "status": status.astype(int)}
-    return fields if wear is None else fields | {WEAR: depth}
-
-
-def _place(contact) -> tuple[dict, list[np.ndarray]]:
-    """Columns of the nodes of a contact boundary, and the chains that these make."""
-    nodes = {name: getattr(contact, name) for name in NODES}
-    return nodes, chains(nodes)
-
-
-def _quantities(place: dict, pieces: list[np.ndarray], shares: np.ndarray, fields: dict) -> dict:
-    """Resultants, peak, length and zones of one step, as history.csv of single runs has them.
-
-    `place` and `pieces` as from `_place`, `shares` of labels in nodes as from shares.py.
-    """
-    w = place["weight"]
-    now = {name: values[None] for name, values in fields.items()}
-    nodes = np.bincount(fields["status"], minlength=3)
-    return {"resultant_n": 0.0 - float(resultant(shares, -fields["sigma_n"], w)),
-            "resultant_t": float(resultant(shares, fields["sigma_t"], w)),
-            "peak_pressure": largest_pressure(place, pieces, fields["sigma_n"]),
-            "contact_length": contact_length(place, pieces, now, 0),
-            "largest_slip": float(np.abs(fields["slip"]).max(initial=0)),
-            **{f"nodes_{name}": int(nodes[k]) for k, name in enumerate(STATUS_NAMES)}}

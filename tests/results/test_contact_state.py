@@ -10,8 +10,8 @@ from driver.contact.states import SLIP
 from driver.contact.states import ContactField as C
 from driver.effects import wear
 from driver.effects.slip_law import Way
-from driver.results.contact_state import (MOVED, SLID, WORN, ContactState, friction_of_held,
-                                          held_along)
+from driver.results.contact_state import MOVED, SLID, WORN, ContactState
+from driver.results.held_nodes import HeldNodes, friction_of_held, held_along
 
 
 def nodes(rng, n=3) -> SimpleNamespace:
@@ -38,15 +38,15 @@ def made(rng, worn=False) -> ContactState:
     of.rows = SimpleNamespace(normal=np.arange(n), normal_node=np.arange(n),
                               tangential=np.arange(n, 2 * n), tangential_node=np.arange(n))
     of.solver = SimpleNamespace(initial=rng.random(n), initial_weights=np.array([0.5, 0.0]),
-                                cycles=None, effects=SimpleNamespace(coefficient_changes=False))
+                                cycles=None, effects=SimpleNamespace(rooms={}))
     of._travel, of._term, of._nodal = rng.random((2, n, 2)), np.arange(k), lambda moved: moved
     of._value, of._travelled = np.tile(b.term_value, (2, 1)).T, {}
     of._weights, of._time, of._before = None, 0.0, None
     of.worn, of._wear = (np.zeros(n), wear.Room.__new__(wear.Room)) if worn else (None, None)
     if worn:
         of._wear.prepare(b)
-    of.constrained, of._held = np.zeros((n, 2), bool), np.zeros(n)
-    of._relative, of._slip_law, of._way = of.solver.initial, None, None
+    of.constrained = np.zeros((n, 2), bool)
+    of.held = HeldNodes(b, of.solver.effects, of.solver.initial)
     of.law = SimpleNamespace(friction_bound=lambda force: 0.4 * np.abs(force))
     return of
 
@@ -111,14 +111,15 @@ def test_held_nodes_obey_laws_of_their_way():
     b.tangential_row[1], of.constrained[1] = -1, True
     of.rows.tangential, of.rows.tangential_node = np.array([3, 5]), np.array([0, 2])
     of.solver.initial, of.solver.initial_weights = np.zeros(3), np.zeros(2)
-    of._relative, places = np.full(3, 0.25), []
+    places = []
     b.at = lambda time: SimpleNamespace(gap=np.zeros(3))
 
     def factor(u_t, slid):
         places.append((u_t[1], slid[1]))
         return 1.0 - slid
 
-    of._slip_law, of._way = SimpleNamespace(factor_at=factor), Way(b)
+    law = SimpleNamespace(factor_at=factor, of_others=Way)
+    of.held = HeldNodes(b, SimpleNamespace(rooms={"slip_law": law}), np.full(3, 0.25))
     for time, way in ((1.0, 0.3), (2.0, 0.6)):
         found = of.evaluate(step(time, np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]), np.zeros(2),
                                  friction_bound=np.full(2, 9.0)), np.zeros((9, 2)))
@@ -163,15 +164,15 @@ def test_what_has_grown_in_a_cycle_grows_as_much_in_each_that_is_jumped_over(ski
     of = object.__new__(ContactState)
     of._begun = {MOVED: np.array([1.0, 2.0]), WORN: np.array([0.5, 0.5]), SLID: np.zeros(2)}
     of._elastic, of.worn = np.array([1.5, 1.0]), np.array([0.75, 0.5])
-    of._way = SimpleNamespace(slid=np.array([0.0, 0.25]))
+    of.held = SimpleNamespace(way=SimpleNamespace(slid=np.array([0.0, 0.25])))
     of._cycle_ends(SimpleNamespace(skips=skips, grown=(WORN, SLID, "of no node")))
-    np.testing.assert_allclose(of._way.slid, [0.0, 0.25 + 0.25 * skips])
+    np.testing.assert_allclose(of.held.way.slid, [0.0, 0.25 + 0.25 * skips])
     np.testing.assert_allclose(of._elastic, [1.5, 1.0])
     np.testing.assert_allclose(of.worn, [0.75 + 0.25 * skips, 0.5])
-    of._begun[SLID] = of._way.slid - 1.0
-    before = of._way.slid
+    of._begun[SLID] = of.held.way.slid - 1.0
+    before = of.held.way.slid
     of._cycle_ends(SimpleNamespace(skips=skips, grown=()))  # the march does not see held nodes
-    np.testing.assert_allclose(of._way.slid, before + skips)
+    np.testing.assert_allclose(of.held.way.slid, before + skips)
     assert of._begun[WORN] is of.worn and of._begun[MOVED] is of._elastic
     of._cycle_ends(SimpleNamespace(skips=skips, grown=(MOVED,)))
     np.testing.assert_allclose(of._elastic, [1.5, 1.0])

@@ -619,16 +619,33 @@ def test_friction_takes_the_work_that_it_takes_in_single_runs(made, named_scene)
         assert float(row["dissipated"]) == pytest.approx(work, rel=1e-4)
 
 
-def test_nodes_that_a_support_holds_stay_where_they_are(made, solved, named_scene):
-    """The floor slides away below them, as below the others."""
-    path = str(named_scene("sided", RUBBED.replace("on(3, u1", "on(4, u1")))
-    summary, files = made(scene=path, friction="0.2,0.3", steps="2")
-    assert sum("1 contact nodes that supports hold" in line for line in summary["warnings"]) == 1
-    single = solved(path, friction="0.3", steps="2", **TIGHT)
+# what holds the end of the pad along the floor, or drags it there and back
+HELD = {"a floor that moves": ("on(3, u1 = 0.)", "on(4, u1 = 0.)"),
+        "a support that moves": ("macro obstacleX(t) 0.5*t //", "macro displacement2() on(4, "
+                                 "u1 = 0.2) //\nmacro amplitude2(t) (t < 0.6 ? t : 1.2 - t) //"),
+        "a law of slip": ("macro obstacleX(t) 0.5*t //", "macro displacement2() on(4, u1 = 0.2) //"
+                          "\nmacro amplitude2(t) (t < 0.6 ? t : 1.2 - t) //\n"
+                          "macro slipFactor(s) (1. - s) //\nreal slipRange = 0.5;")}
+
+
+@pytest.mark.parametrize("kind", HELD)
+def test_nodes_that_a_support_holds_rub_as_in_single_runs(made, solved, named_scene, kind):
+    """They slide as it has them, or as the floor does below them, and it takes their friction."""
+    path = str(named_scene("sided", RUBBED.replace(*HELD[kind])))
+    summary, files = made(scene=path, friction="0.2,0.3", steps="5")
+    assert not any("hold" in line for line in summary["warnings"])
+    single = solved(path, friction="0.3", steps="5", **TIGHT)
     rows = [row for row in files["contact"] if row["friction"] == "0.3"]
-    for name in ("u_t", "slip"):
+    held = np.flatnonzero(single.contact["x"][-1] == 0.0)
+    assert len(held) == 1 and abs(single.contact["sigma_t"][-1][held[0]]) > 0.1
+    for name in ("u_t", "slip", "sigma_t", "bound"):
         ours = np.array([float(row[name]) for row in rows])
         np.testing.assert_allclose(ours, single.contact[name][-1], atol=CLOSE)
+    assert [row["status"] for row in rows] == list(single.contact["status"][-1])
+    history = [row for row in files["history"] if row["friction"] == "0.3"]
+    for name in ("resultant_t", "dissipated"):
+        ours = np.array([float(row[name]) for row in history])
+        np.testing.assert_allclose(ours, single.history[name], atol=1e-5 * np.abs(ours).max())
 
 
 @pytest.mark.slow  # two studies
