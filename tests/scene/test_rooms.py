@@ -199,7 +199,9 @@ def test_a_study_of_a_scene_without_an_effect(tmp_path):
     ((("macro contact() 1 //", "macro contact() 1, 2, 1 //"),),
      "label 1 is declared for contact twice"),
     ((("macro contact() 1 //", "macro contactPair() 1, 3, 3, 1 //"),),
-     "label 3 is declared for contact twice")])
+     "label 3 is declared for contact twice"),
+    ((("macro contact() 1 //", "macro contact() 3 //\nmacro contactPair() 1, 3 //"),),
+     "label 3 is in contact with an obstacle and the second one of a pair: give the parts")])
 @pytest.mark.some(5)
 def test_declarations_that_do_not_fit_together(tmp_path, variant, changes, said):
     scene = variant(f"unfit-{abs(hash(changes))}", *changes)
