@@ -2,7 +2,8 @@
 
 One = in place of two, a < b < c, label == 3 || 4, an integer for a parameter that has decimals,
 an option for one of two names that capitals alone tell apart, x in a history, a load's integral
-over a mesh of the scene: what is declared would have other values than those that were meant.
+over a mesh of the scene, no for what any content declares: what is declared would have other values
+than those that were meant.
 """
 
 import re
@@ -21,6 +22,7 @@ PLACELESS = re.compile(r"amplitude\d|(slip|displacement)Factor|stepTimes|cycles|
                        r"point(Load\d|Spring)|probePoints")
 PLACE = re.compile(r"(?<![.\w])(?:(?:x|y|label|region)\b(?!\()|[NP]\.[xy]\b)")
 INTEGRAL = re.compile(r"(?<![.\w])int(?:1d|2d|alledges)(?=\s*\()")  # the same everywhere
+OFF = {"no", "off", "false", "0", "0."}  # of what is declared by any content
 LOAD = re.compile(r"load\d")
 # what traction and pressure are: over a boundary of each subdomain, which are all called Ti
 OF_SUBDOMAINS = re.compile(r"int1d\(Ti,(?!qf)")
@@ -43,9 +45,12 @@ def check(scene: Path, parameters: dict[str, str]) -> None:
     named = declaring(macros, rooms.vocabulary())
     bare = [macro._replace(content=_without_integrals(code_of(macro.content))) for macro in macros]
     placeless = declaring(bare, frozenset(filter(PLACELESS.fullmatch, rooms.vocabulary())))
+    switches = {macro.name for macro in rooms.all_macros() if macro.text.startswith("any content")}
     loads = declaring(macros, frozenset(filter(LOAD.fullmatch, rooms.vocabulary())))
     for macro, own in zip(macros, bare):
         reason = _mistake(macro.content) if macro.name in named else ""
+        if macro.name in switches and code_of(macro.content).lower() in OFF:
+            reason = "holds whatever its content, also this one: leave it out if it is not meant"
         if macro.name in loads:
             reason = reason or _own_integral(code_of(macro.content))
         if macro.name in placeless:
