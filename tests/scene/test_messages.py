@@ -275,6 +275,7 @@ def test_names_of_freefem_are_what_the_library_has_undeclared():
     ("traction(3, 2., -10.)", "100.", "load1"),  # the wrong kind
     ("contact() 1", 'contact() "bottom"', "contact"),
     ("traction(3, 2., -10.)", "traction(3, -10.)", "traction(label, px, py)"),
+    ("traction(3, 2., -10.)", "pressure([2, 3], 10.)", "as in pressure(2, ...) + pressure(3, ...)"),
     ("traction(3, 2., -10.)", "tracton(3, 2., -10.)", "did you mean traction"),
     ("traction(3, 2., -10.)", "bodyForce([0., -2.])", "did you mean bodyForce1"),
     ("traction(3, 2., -10.)", "traction(3, 2., q)", "'q'"),
