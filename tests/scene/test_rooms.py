@@ -201,7 +201,11 @@ def test_a_study_of_a_scene_without_an_effect(tmp_path):
     ((("macro contact() 1 //", "macro contactPair() 1, 3, 3, 1 //"),),
      "label 3 is declared for contact twice"),
     ((("macro contact() 1 //", "macro contact() 3 //\nmacro contactPair() 1, 3 //"),),
-     "label 3 is in contact with an obstacle and the second one of a pair: give the parts")])
+     "label 3 is in contact with an obstacle and the second one of a pair: give the parts"),
+    ((("macro contact() 1 //", "macro contactPair() 1, 3 //\nmacro obstacle(x, y) y //"),),
+     "obstacle is declared without contact to it: add  macro contact() label //"),
+    ((("macro contact() 1 //", "macro contactPair() 1, 3 //\nmacro contactNormal() [0., 1.] //"),),
+     "contactNormal is declared without contact to an obstacle")])
 @pytest.mark.some(5)
 def test_declarations_that_do_not_fit_together(tmp_path, variant, changes, said):
     scene = variant(f"unfit-{abs(hash(changes))}", *changes)
