@@ -4,7 +4,7 @@ FreeFEM knows whether a macro is defined (IFMACRO) but cannot list files or coun
 follows from the list of rooms (rooms.py) is written before it starts. Of every room, guarded by the
 macros that declare it, there are
 
-- ``switches``: what is left out is checked to be there,
+- ``switches``: what is left out is checked to be there; ``<room>Asked`` of what is not,
 - ``include``: the room itself, what its loads are given on, and what it lacks,
 - ``kinematics``: the same of rooms that come before the forms of elasticity,
 - ``hold``: what these fix of a subdomain besides its supports, ``<room>Hold``,
@@ -76,6 +76,18 @@ def without_names(without: tuple[str, ...]) -> set[str]:
     return absent
 
 
+def _perhaps_without(absent: set[str]) -> set[str]:
+    """What is left out, and what may lack something then: as contact that only pairs brought.
+
+    Whether it does is known when FreeFEM reads the scene.
+    """
+    perhaps = {*absent, *(name for room in rooms() if room.name in absent for name in room.brings)}
+    for room in rooms():  # in which what is needed comes first
+        if any(perhaps.intersection(names) for names in room.needs):
+            perhaps.add(room.name)
+    return perhaps
+
+
 def write(directory: Path, without: tuple[str, ...] = (), traced: bool = False) -> None:
     """Write the files for a scene of which `without` is left out; `traced`: to explain a failure.
 
@@ -87,7 +99,8 @@ def write(directory: Path, without: tuple[str, ...] = (), traced: bool = False) 
              if _numbered(room, k) not in absent]
     columns = [room for room in used if room.column or room.columns]
     files = {
-        "switches": _switches(without),
+        "switches": [*_switches(without),
+                     *(line for room in used for line in _asked(room, absent))],
         "kinematics": [line for room in used if room.before for line in _include(room, absent)],
         "include": [line for room in used if not room.before for line in _include(room, absent)],
         "patterns": [*(line for load in loads for line in load.declaration()), *_idle(absent)],
@@ -195,24 +208,32 @@ def _switches(without: tuple[str, ...]) -> list[str]:
     return lines
 
 
+def _asked(room: Room, absent: set[str]) -> list[str]:
+    """<room>Asked, defined where the scene asks for the room by a macro that is not left out.
+
+    Rooms that come before this one know by it what the scene has.
+    """
+    asked = f"{room.prefix}Asked"
+    return [line for macro in _asking(room, absent)
+            for line in _if(f"!{asked}", *_if(macro, f"macro {asked}() 1 //"))]
+
+
 def _include(room: Room, absent: set[str]) -> list[str]:
     """The room, where one of its macros, or of those of rooms that bring it, is defined.
 
-    <room>Asked is defined where the scene asks for it, <room>Lacks where something is missing,
-    which is refused or, if it may have been left out, leaves the room out too, and <room>Room where
-    it is included.
+    <room>Lacks is defined where something is missing, which is refused or, if it may have been left
+    out, leaves the room out too, and <room>Room where it is included.
     """
-    lines = []
-    asked, lacks = f"{room.prefix}Asked", f"{room.prefix}Lacks"
-    for macro in _asking(room, absent):
-        lines += _if(f"!{asked}", *_if(macro, f"macro {asked}() 1 //"))
+    lacks = f"{room.prefix}Lacks"
     body = [f"macro {_room(room)}() 1 //"]
     if room.given_on:
         given = f"{camel(room.given_on)}Given"
         body += _if(f"!{given}", f"macro {given}() 1 //",
                     f'include "given/{room.given_on}.idp"')
-    missing = [line for needed in room.needs for line in _lacks(room, needed, lacks, absent)]
-    lines += _if(asked, *missing, *_if(f"!{lacks}", *body, f'include "effects/{room.name}.idp"'))
+    perhaps = _perhaps_without(absent)
+    missing = [line for needed in room.needs for line in _lacks(room, needed, lacks, perhaps)]
+    lines = _if(f"{room.prefix}Asked", *missing,
+                *_if(f"!{lacks}", *body, f'include "effects/{room.name}.idp"'))
     for macro in room.macros:
         if macro.name not in room.declared_by and macro.arguments is not None:
             lines += _if(macro.name, *_if(f"!{lacks}", *_if(f"!{_room(room)}",
@@ -223,7 +244,8 @@ def _include(room: Room, absent: set[str]) -> list[str]:
 def _lacks(room: Room, needed: tuple[str, ...], lacks: str, absent: set[str]) -> list[str]:
     """The macro `lacks` where none of `needed` is included.
 
-    If nothing of these is left out, the room is refused there, by the macro that declares it.
+    If nothing of these may be left out (`absent`), the room is refused there, by the macro that
+    declares it.
     """
     others = [other for other in rooms() if other.name in needed]
     lines = _if(f"!{lacks}", f"macro {lacks}() 1 //")

@@ -1,8 +1,9 @@
 """Mistakes of writing that FreeFEM takes for something else, without a word.
 
 One = in place of two, a < b < c, label == 3 || 4, an integer for a parameter that has decimals,
-an option for one of two names that capitals alone tell apart, x in a history: what is declared
-would have other values than those that were meant.
+an option for one of two names that capitals alone tell apart, x in a history, a load's integral
+over a mesh of the scene, no for what any content declares: what is declared would have other values
+than those that were meant.
 """
 
 import re
@@ -21,6 +22,10 @@ PLACELESS = re.compile(r"amplitude\d|(slip|displacement)Factor|stepTimes|cycles|
                        r"point(Load\d|Spring)|probePoints")
 PLACE = re.compile(r"(?<![.\w])(?:(?:x|y|label|region)\b(?!\()|[NP]\.[xy]\b)")
 INTEGRAL = re.compile(r"(?<![.\w])int(?:1d|2d|alledges)(?=\s*\()")  # the same everywhere
+OFF = {"no", "off", "false", "0", "0."}  # of what is declared by any content
+LOAD = re.compile(r"load\d")
+# what traction and pressure are: over a boundary of each subdomain, which are all called Ti
+OF_SUBDOMAINS = re.compile(r"int1d\(Ti,(?!qf)")
 NUMBER = re.compile(r"[-+]?[\d.]+")
 # a value by itself, which no factor makes whole
 INTEGER = re.compile(r'\bint\s+(?:[^;()]*,\s*)?(\w+)\s*=\s*physical\s*\(\s*"([^"]*)"\s*,([^()]*)\)'
@@ -40,8 +45,14 @@ def check(scene: Path, parameters: dict[str, str]) -> None:
     named = declaring(macros, rooms.vocabulary())
     bare = [macro._replace(content=_without_integrals(code_of(macro.content))) for macro in macros]
     placeless = declaring(bare, frozenset(filter(PLACELESS.fullmatch, rooms.vocabulary())))
+    switches = {macro.name for macro in rooms.all_macros() if macro.text.startswith("any content")}
+    loads = declaring(macros, frozenset(filter(LOAD.fullmatch, rooms.vocabulary())))
     for macro, own in zip(macros, bare):
         reason = _mistake(macro.content) if macro.name in named else ""
+        if macro.name in switches and code_of(macro.content).lower() in OFF:
+            reason = "holds whatever its content, also this one: leave it out if it is not meant"
+        if macro.name in loads:
+            reason = reason or _own_integral(code_of(macro.content))
         if macro.name in placeless:
             reason = reason or _misplaced(own)
         if reason:
@@ -120,16 +131,37 @@ def _misplaced(macro: grammar.Definition) -> str:
             "into the load or the coefficient itself")
 
 
+def _own_integral(code: str) -> str:
+    """What is wrong with a load's integrals of the test functions; of numbers any will do.
+
+    Every subdomain assembles the load: an integral over a mesh of the scene counts in each of them,
+    one over the sides or the inside of each in some of them alone.
+    """
+    for found in INTEGRAL.finditer(code):
+        integral = code[found.start() : _end_of_integral(code, found.end())]
+        where, _, what = integral.partition(")(")
+        if re.search(r"\bv[12]\b", what) and not OF_SUBDOMAINS.match(where):
+            return (f"has the integral {where})(...), which would depend on the subdomains: write "
+                    "traction(label, px, py) or pressure(label, p), and forces per volume as  "
+                    "macro bodyForce1() [fx, fy] //")
+    return ""
+
+
 def _without_integrals(code: str) -> str:
     """Code without integrals: the parentheses of where and of what."""
     while found := INTEGRAL.search(code):
-        depth, groups, end = 0, 0, found.end()
-        while end < len(code) and (depth or groups < 2):
-            depth += (code[end] == "(") - (code[end] == ")")
-            groups += code[end] == ")" and not depth
-            end += 1
-        code = code[: found.start()] + "1" + code[end:]
+        code = code[: found.start()] + "1" + code[_end_of_integral(code, found.end()) :]
     return code
+
+
+def _end_of_integral(code: str, start: int) -> int:
+    """Where the two parentheses from `start` on end."""
+    depth, groups, end = 0, 0, start
+    while end < len(code) and (depth or groups < 2):
+        depth += (code[end] == "(") - (code[end] == ")")
+        groups += code[end] == ")" and not depth
+        end += 1
+    return end
 
 
 def _chained(side: str) -> bool:

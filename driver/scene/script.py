@@ -204,6 +204,9 @@ def _statement_fault(code: str) -> str:
     if alone := re.search(r"\bon\(([\w\s,+-]*)\)", code):
         return (f"{alone[0]} holds no displacement: name components and values, as in "
                 "on(4, u1 = 0., u2 = 0.)")
+    if listed := re.search(r"\b(traction|pressure)\s*\(\s*\[", code):
+        return (f"{listed[1]} takes one label: add one for each, as in {listed[1]}(2, ...) + "
+                f"{listed[1]}(3, ...)")
     if python := re.search(r"[\w)\].]\s+(and|or)\s+[\w(!]", code):
         return f"'{python[1]}' is no operator of FreeFEM: it writes {OPERATORS[python[1]]}"
     if choices.chooses_twice(code):

@@ -275,6 +275,7 @@ def test_names_of_freefem_are_what_the_library_has_undeclared():
     ("traction(3, 2., -10.)", "100.", "load1"),  # the wrong kind
     ("contact() 1", 'contact() "bottom"', "contact"),
     ("traction(3, 2., -10.)", "traction(3, -10.)", "traction(label, px, py)"),
+    ("traction(3, 2., -10.)", "pressure([2, 3], 10.)", "as in pressure(2, ...) + pressure(3, ...)"),
     ("traction(3, 2., -10.)", "tracton(3, 2., -10.)", "did you mean traction"),
     ("traction(3, 2., -10.)", "bodyForce([0., -2.])", "did you mean bodyForce1"),
     ("traction(3, 2., -10.)", "traction(3, 2., q)", "'q'"),
@@ -525,6 +526,35 @@ def test_numbers_that_no_label_has(said, formula, helper, words):
 def test_mistakes_that_freefem_takes_for_something_else(said, formula, helper, words):
     """They make one value of all places: friction vanished without a word."""
     assert words in said(("macro friction() F //", f"{helper}macro friction() {formula} //"))
+
+
+@pytest.mark.parametrize("macro", ["planeStress() no", "axisymmetric() 0", "preload() false"])
+def test_what_any_content_declares_is_not_taken_back_by_its_content(said, macro):
+    words = said(("macro friction() F //", f"macro friction() F //\nmacro {macro} //"))
+    assert f"{macro.partition('(')[0]} holds whatever its content, also this one" in words
+
+
+@pytest.mark.parametrize("load, integral", [
+    ("int1d(body, 3)(-10.*v2)", "int1d(body,3)"), ("int2d(body)(-v2)", "int2d(body)"),
+    ("traction(2, 1., 0.) + int1d(Ti)(-v2)", "int1d(Ti)"),
+    ("int1d(Ti, qforder = 3)(v1)", "int1d(Ti,qforder=3)"), ("int2d(Ti)(-v2)", "int2d(Ti)")])
+def test_loads_are_no_integrals_that_depend_on_the_subdomains(said, load, integral):
+    """Quadratic elements took that of a mesh of the scene once for every subdomain, or not at all.
+    """
+    words = said(("traction(3, 2., -10.)", load))
+    assert f"load1 has the integral {integral}(...)" in words and "write traction(label" in words
+
+
+def test_what_loads_call_is_no_such_integral_either(said):
+    words = said(("macro load1() traction(3, 2., -10.)",
+                  "macro down(l, p) int1d(body, l)(-p*v2) //\nmacro load1() down(3, 10.)"))
+    assert "down has the integral int1d(body,l)(...)" in words
+
+
+@pytest.mark.parametrize("load", ["traction(3, 0., -10./int1d(Ti, 3)(1.))",
+                                  "int1d(Ti, 3, qforder = 3)(-10.*v2)"])
+def test_loads_of_each_subdomain_and_numbers_in_them_are_not_refused(accepted, load):
+    accepted(f"macro load2() {load} //\nmacro friction() F //")
 
 
 @pytest.mark.parametrize("macro, word", [

@@ -44,7 +44,7 @@ def test_vocabulary_has_every_macro_that_the_library_asks_for():
     text = "\n".join(path.read_text() for path in environment.LIBRARY.rglob("*.idp"))
     asked = set(re.findall(r"IFMACRO\(!?(\w+)\)", text))
     own = set(re.findall(r"^macro (\w+)", text, re.M))
-    rooms_own = {f"{room.prefix}Room" for room in rooms.rooms()}
+    rooms_own = {f"{room.prefix}{word}" for room in rooms.rooms() for word in ("Room", "Asked")}
     given = {"libStudied", "libLoads", "libTimeLeftOut"}  # by the driver
     assert asked - own - rooms_own - given <= rooms.vocabulary()
 
@@ -124,6 +124,26 @@ def test_what_needs_the_left_out_one_of_two_effects_goes_with_it(tmp_path, varia
     assert set(read_manifest(tmp_path).rooms) == {"contact", "traction", "quasistatic"}
 
 
+def test_contact_that_pairs_alone_brought_goes_with_them_and_what_needs_it(tmp_path, variant):
+    """Wear needs friction, that contact, which the pairs of this scene have brought."""
+    scene = variant("worn", ("macro contact() 1 //", "macro contactPair() 1, 3 //"),
+                    ("macro friction() F //", "macro friction() F //\nmacro wear() 1e-15 //"))
+    freefem.export(scene, tmp_path, {"cells": "2"}, without=("pair",))
+    assert list(read_manifest(tmp_path).rooms) == ["traction", "quasistatic"]
+
+
+def test_an_obstacle_that_is_left_out_has_no_shape_that_turns(tmp_path):
+    with pytest.raises(InputError, match="obstacleAngle turns an obstacle whose shape is not kno"):
+        freefem.export(freefem.find_scene("roller"), tmp_path, {}, without=("obstacle",))
+
+
+def test_an_obstacle_that_is_left_out_leaves_a_surface_that_shifts(tmp_path):
+    """Of indenter.edp, whose obstacle shifts alone."""
+    freefem.export(freefem.find_scene("indenter"), tmp_path, {"steps": "2", "h": "2"},
+                   without=("obstacle",))
+    assert not any("phi" in name for name in read_manifest(tmp_path).columns)
+
+
 @pytest.mark.parametrize("scene, without, said", [
     ("model", ("gap",), "gap is to be left out, but the scene does not declare it"),
     ("model", ("load2",), "load2 is to be left out, but"),
@@ -179,7 +199,13 @@ def test_a_study_of_a_scene_without_an_effect(tmp_path):
     ((("macro contact() 1 //", "macro contact() 1, 2, 1 //"),),
      "label 1 is declared for contact twice"),
     ((("macro contact() 1 //", "macro contactPair() 1, 3, 3, 1 //"),),
-     "label 3 is declared for contact twice")])
+     "label 3 is declared for contact twice"),
+    ((("macro contact() 1 //", "macro contact() 3 //\nmacro contactPair() 1, 3 //"),),
+     "label 3 is in contact with an obstacle and the second one of a pair: give the parts"),
+    ((("macro contact() 1 //", "macro contactPair() 1, 3 //\nmacro obstacle(x, y) y //"),),
+     "obstacle is declared without contact to it: add  macro contact() label //"),
+    ((("macro contact() 1 //", "macro contactPair() 1, 3 //\nmacro contactNormal() [0., 1.] //"),),
+     "contactNormal is declared without contact to an obstacle")])
 @pytest.mark.some(5)
 def test_declarations_that_do_not_fit_together(tmp_path, variant, changes, said):
     scene = variant(f"unfit-{abs(hash(changes))}", *changes)
