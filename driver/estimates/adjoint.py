@@ -41,9 +41,9 @@ not told    two meshes, differences that turn, hardly fall (caution.py), or fall
 Peaks err below one node, where smoothed stresses are of lower order than the pressure: they have a
 limit from above alone, PEAK times gross; slip adds up over steps, of which the adjoint problem
 knows the last: meshes speak, up to the bound, but where there are two, which agree by chance, the
-claim is not below gross over SEES squared. Where slip turned, or contact was unloaded since, all
-that the last state has of it errs by what earlier ones did: no claim of slip, shear or displacement
-is limited from above.
+claim is not below gross over SEES squared. Where slip turned or came to rest, or contact was
+unloaded since, all that the last state has of it errs by what earlier ones did: no claim of slip,
+shear or displacement is limited from above.
 """
 
 from dataclasses import dataclass, replace

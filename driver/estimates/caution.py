@@ -20,8 +20,9 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
   meshes seem to converge, of slip that is largest there half of it; that, the work of friction and
   the length, if contact ends between nodes, with the safety of what nothing else holds. Meshes that
   show an order ABOUT as high may tell it or not: more is claimed;
-- where slip turned or contact was unloaded since: adjoint problems of the last state do not see the
-  errors of earlier ones, so that they hold what slip is LEFT in from below alone;
+- where slip turned or came to rest, or contact was unloaded since: adjoint problems of the last
+  state do not see the errors of earlier ones, so that they hold what slip is LEFT in from below
+  alone;
 - for order three, where quadratic elements have straight sides on a round boundary, of contact or
   not: a polygon is of second order, and adjoint problems, which smooth stresses, do not see it, so
   that they hold errors from below alone;
