@@ -23,6 +23,9 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
 - where slip turned or came to rest, or contact was unloaded since: adjoint problems of the last
   state do not see the errors of earlier ones, so that they hold what slip is LEFT in from below
   alone;
+- where areas of contact of a node or two carry a tenth of the force: it acts where a node is, as
+  it does in adjoint problems, which then hold errors from below alone, and the second order of two
+  meshes is not taken for granted;
 - for order three, where quadratic elements have straight sides on a round boundary, of contact or
   not: a polygon is of second order, and adjoint problems, which smooth stresses, do not see it, so
   that they hold errors from below alone;
@@ -76,10 +79,11 @@ COMPLIANCE = 0.65
 LIGHT = 0.25  # of the relative error in energy, and of the mean pressure
 SHEAR = 0.25  # of the square of the relative error in energy times the pressing force
 BALANCE = 1e-5  # of the pressing force: what tolerances leave of forces that loads give
+LONE = 0.1  # of the pressing force in areas of contact of a node or two: it acts where a node is
 PRESSING = 3  # nodes that press on a round boundary: fewer have but one normal
 FEWEST = {"P1": 5}  # nodes in contact that tell something of it: those of four sides ...
 QUADRATIC = 7  # ... or three, of quadratic elements
-LONE = "two meshes say nothing of it"
+OF_TWO = "two meshes say nothing of it"
 GRAZES = "the mesh is too coarse: it may touch"
 # half of what the strongest stresses of one material leave: by chance rather than an order; adjoint
 # problems, which see the stresses themselves, then speak alone
@@ -239,7 +243,7 @@ class Caution:
         if max(changes, default=0.0) <= BALANCE * force:
             return part
         if len(changes) == 1 and not self.sizes:
-            return Part(None, note=LONE)
+            return Part(None, note=OF_TWO)
         if self.sizes:
             return part
         return located(part, SHEAR * self.energy**2 * force)
@@ -262,6 +266,7 @@ class Caution:
         if estimated and (name in (WORK, LENGTH) or name == SLIP and self.touch.way_at_end):
             caution = SAFETY  # nodes beside a sharp end differ by far less than it errs
         fast = (self.element != "P1" or self.adapted) and name in HELD and self.sizes
+        fast = fast and self.touch.lone <= LONE
         formal = formal_order("mesh", self.element, name, self.chords, most)
         # of integrals an order below this is chance: their errors fall by twice the order that
         # those of stresses do, which the strongest of one material, r^-3/4, leave at 1/4
@@ -278,7 +283,8 @@ class Caution:
     def _held(self, name: str, part: Part, changes: list, ratios: list, told: bool) -> Part:
         """The part within what adjoint problems leave; `told`: whether meshes tell an order."""
         part = self._doubted(part, told)
-        unseen = self.chords or self.touch.earlier and name in LEFT
+        unseen = (self.chords or self.touch.lone > LONE
+                  or self.touch.earlier and name in LEFT)
         slack = np.inf if unseen else self.stiff  # for what smoothed stresses do not see
         told |= name not in HELD and (name != SLIP or len(changes) > 1)
         part = held(name, part, self.sizes.get(name), slack, told, self.seen)

@@ -14,11 +14,10 @@ from ..quantity_table import HELD
 from ..results.touch import Touch
 from .budget import Part, located, vanishing
 from .budget_words import share
-from .caution import PRESSING, by_balance, fewest
+from .caution import LONE, PRESSING, by_balance, fewest
 
 COARSE = 0.5  # relative error in energy from which coarser meshes tell nothing of a finer one
 FINE = 0.02  # the same up to which a body is resolved as a whole, however few its contact nodes
-LONE = 0.1  # of the pressing force in areas of contact of a node or two: it acts where a node is
 APART = 1.0  # change of a quantity to the next mesh over the quantity itself, of another problem
 BLIND = 0.25  # smoothed stresses' error in energy over its bound; that is 2.6 times the true one
 # at most in the tests, so that two thirds of the error are all that they see

@@ -189,7 +189,7 @@ def test_two_meshes_alone_say_nothing_of_shear():
     values = {"tangential_resultant": [2.0, 2.1], "slip": [0.0, 0.0],
               "normal_resultant": [6.0, 6.1]}
     alone = of(values)["tangential_resultant"]
-    assert alone.error is None and alone.note == caution.LONE
+    assert alone.error is None and alone.note == caution.OF_TWO
     held = {"tangential_resultant": Sizes(1e-9, 1.0, 1.0)}
     assert of(values, sizes=held)["tangential_resultant"].error > 0
     values["tangential_resultant"] = [2.0, 2.00001]
@@ -408,6 +408,17 @@ def test_adjoint_problems_of_the_last_state_limit_no_error_of_earlier_ones(value
     assert earlier["normal_resultant"] == last["normal_resultant"]
     large = dict.fromkeys(names, Sizes(2.0, 3.0, 1.0))
     assert of(values, sizes=large, touch=Touch(earlier=True, open={}))["slip"].error >= 3.0
+
+
+@pytest.mark.parametrize("lone, meshes", [(0.09, False), (0.11, True)])
+def test_adjoint_problems_whose_contact_is_a_node_limit_no_error_of_its_place(lone, meshes):
+    """The force acts at that node in them as well; two meshes of quadratic elements then have the
+    first order.
+    """
+    change = 0.02
+    part = of({"displacement": [1.0, 1.0 - change]}, touch=Touch(lone=lone, open={}), element="P2",
+              sizes={"displacement": Sizes(1e-4, 2e-3, 1e-3)})["displacement"]
+    assert part.error == pytest.approx(PAIR * change if meshes else 2e-3)
 
 
 @pytest.mark.parametrize("pressing, error", [(1, 0.02), (2, 0.02), (3, 0.0), (0, 0.0)])
