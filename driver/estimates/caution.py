@@ -26,6 +26,8 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
 - where areas of contact of a node or two carry a tenth of the force: it acts where a node is, as
   it does in adjoint problems, which then hold errors from below alone, and the second order of two
   meshes is not taken for granted;
+- not where loads give a resultant by balance, wherever contact is (given.py): coarser meshes tell
+  what loads err by, and neither contact nor adjoint problems have a part in it;
 - for order three, where quadratic elements have straight sides on a round boundary, of contact or
   not: a polygon is of second order, and adjoint problems, which smooth stresses, do not see it, so
   that they hold errors from below alone;
@@ -121,19 +123,21 @@ class Caution:
     length: float = np.inf  # of the largest body
     tips: float = np.inf  # order that tips of cracks leave, see sharp_ends.py
     seen: float = 1.0  # part of the bound of the error in energy that smoothed stresses see
+    given: frozenset = frozenset()  # resultants that loads give, wherever contact is
 
     @classmethod
     def of(cls, problem, touch: Touch, sizes: dict, energy: float = 0.0,
-           adapted: bool = False, polygons: bool = False, seen: float = 1.0) -> "Caution":
+           adapted: bool = False, polygons: bool = False, seen: float = 1.0,
+           given: frozenset = frozenset()) -> "Caution":
         """`energy`: relative error in the energy norm; `polygons` as of polygons.py, `seen` of
-        unresolved.py. Collective.
+        unresolved.py, `given` of given.py. Collective.
         """
         element = problem.manifest.element
         polygons |= touch.round > 0 and "curved" not in problem.effects
         chords = element != "P1" and polygons
         largest = float(problem.structure.travel.bodies.size.max(initial=0.0)) or np.inf
         return cls(element, adapted, chords, stiffness(problem), energy, touch, sizes, largest,
-                   sharp_ends.of_tips(problem, touch), seen)
+                   sharp_ends.of_tips(problem, touch), seen, given)
 
     def parts(self, values: dict, runs: list, ratios: list[float], singular,
               touches: list[Touch] = (), lost: list[float] = ()) -> dict[str, Part]:
@@ -261,6 +265,9 @@ class Caution:
     def _part(self, name: str, changes: list, ratios: list, value: float, singular: bool,
               most: float) -> Part:
         quantity = QUANTITIES[name]
+        if name in self.given:  # the error of the loads, which a polygon errs by at most
+            return extrapolate(changes, ratios, formal_order("mesh", self.element, name,
+                                                             self.chords), value, True, pair=FAST)
         caution = quantity.caution if self.sizes or name not in HELD else SAFETY
         estimated = np.isfinite(most)
         if estimated and (name in (WORK, LENGTH) or name == SLIP and self.touch.way_at_end):

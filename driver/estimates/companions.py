@@ -10,7 +10,7 @@ from ..march.problem import Problem
 from ..march.step import Step
 from ..options import Settings
 from ..results.record import Record
-from . import caution, jumps, soundness, unresolved
+from . import caution, given, jumps, soundness, unresolved
 from .between_steps import Strides, finer, of_earlier_moment
 from .budget import (OF_TIME, Part, coarser, extrapolate, formal_order, mesh_knob, name_of,
                      located, of_one_step, ratio, summed)
@@ -50,9 +50,11 @@ class Companions:
         self.operator, self.step = problem.operator, step
         self.singular, touch = record.singular_places(), record.touch(self.at)
         error, element = unresolved.energy_error(energy), problem.manifest.element
+        self.loads = given.by_loads(problem.operator, record, self.values, self.at)
         self.caution = caution.Caution.of(problem, touch, sizes, error, bool(levels.refined),
                                   stand_for_curves(problem),
-                                  unresolved.seen(energy, smoothed, self.at + 1))
+                                  unresolved.seen(energy, smoothed, self.at + 1),
+                                  self.loads.anywhere)
         self.unresolved = partial(unresolved.parts, self.values, error, touch, element,
                                   bool(sizes), unresolved.blind(energy, smoothed, self.at + 1))
         self.begins = lambda name, names: None  # takes the stage that begins, and all of them
@@ -161,7 +163,7 @@ class Companions:
         self.begins(OF_MESHES, stages)
         parts = {"mesh": self._mesh()}
         self.notes += self._stiff()
-        self.given = caution.by_balance(self.values, parts["mesh"])
+        self.given = unresolved.of_loads(self.values, parts["mesh"], self.loads)
         if timed:
             self.begins(OF_STEPS, stages)
             alone = not effects.frictional and self.strides.motion is None
@@ -216,8 +218,7 @@ class Companions:
         if left:
             parts = unresolved.of_corners(parts, good[0], self.ratios[0], left)
         parts = unresolved.claimable(parts, self.values, self.caution.touch.nodes > 0)
-        return unresolved.known(parts, self.unresolved(corners=left > 0), self.values,
-                                self.caution.touch)
+        return unresolved.known(parts, self.unresolved(corners=left > 0), self.values, self.loads)
 
     def _peaks(self, pairs: int, stride: int) -> list[tuple[Peaks, Peaks]]:
         """Of the first `pairs` of finer and coarser meshes, finest first."""

@@ -5,6 +5,7 @@ from .budget import Part
 from .caution import Caution
 from .energy import of_level
 from .free_peak import Peaks
+from .given import by_loads
 from .levels import Level
 from .polygons import stand_for_curves
 from .torn_body import Gather, gather_body
@@ -31,8 +32,10 @@ def mesh_parts(problems: list, levels: list[Level], ratios: list[float], name: s
         finest.energy = of_level(problem, finest, estimator)
     energy = finest.energy
     error = unresolved.energy_error(energy)
+    loads = by_loads(problem.operator, finest.record, finest.values, finest.at)
     caution = Caution.of(problem, touches[0], adjoints, error, polygons=stand_for_curves(problem),
-                         seen=unresolved.seen(energy, said.get("smoothed"), finest.at + 1))
+                         seen=unresolved.seen(energy, said.get("smoothed"), finest.at + 1),
+                         given=loads.anywhere)
     found = caution.parts(values[0], good, ratios, finest.singular, touches, lost)
     if good:
         peaks = [Peaks.of_level(level) for level in levels[:alike]]
@@ -47,4 +50,4 @@ def mesh_parts(problems: list, levels: list[Level], ratios: list[float], name: s
                                bool(adjoints),
                                unresolved.blind(energy, said.get("smoothed"), finest.at + 1),
                                left > 0)
-    return unresolved.known(found, unknown, values[0], touches[0])
+    return unresolved.known(found, unknown, values[0], loads)

@@ -140,9 +140,7 @@ class Record:
         """How the nodes touch in a step; without contact they do not."""
         if not self.effects.contact:
             return Touch(open={})
-        normals = self.contact.boundary.normal[self.states["sigma_n"][index] < 0]
-        flat = not len(normals) or np.ptp(normals, axis=0).max() <= ROUND
-        return Touch.of(*self._columns(), index, self._pressing_round(index), bool(flat))
+        return Touch.of(*self._columns(), index, self._pressing_round(index))
 
     def arrivals(self) -> float:
         """What the steps leave open of the largest slip, see touch.of_arrivals."""

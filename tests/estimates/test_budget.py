@@ -166,7 +166,7 @@ def problem_of(manifest, effects):
     """A problem without subdomains."""
     return SimpleNamespace(manifest=manifest, effects=effects, operator=SimpleNamespace(
         comm=MPI.COMM_SELF, structure=SimpleNamespace(contact=SimpleNamespace(
-            motion_of_all_times=None))), structure=SimpleNamespace(
+            motion_of_all_times=None), rigid_modes=[])), structure=SimpleNamespace(
                 subdomains=[], outer_edges=np.zeros((0, 3), int),
                 travel=SimpleNamespace(bodies=SimpleNamespace(size=np.ones(1)))))
 

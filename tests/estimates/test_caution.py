@@ -348,6 +348,15 @@ def test_resultants_that_loads_give_are_known_by_their_mesh():
     assert caution.by_balance({"displacement": 1.0}, {}) == set()
 
 
+def test_what_loads_give_wherever_contact_is_errs_by_what_they_err():
+    """Polygons by the second order; neither the place of contact nor stresses have a part in it."""
+    values = {"normal_resultant": [1.0, 1.0 - 0.03]}
+    rough = {"touch": Touch(lone=1.0, open={}), "energy": 0.4, "stiff": 2.0, "element": "P1"}
+    loose, given = (of(values, **rough, given=names)["normal_resultant"].error
+                    for names in (frozenset(), frozenset(values)))
+    assert given == pytest.approx(PAIR * 0.03 / 3) and loose > 3 * given
+
+
 @pytest.mark.parametrize("order, told", [(caution.NO_ORDER - 0.02, False),
                                          (caution.NO_ORDER + 0.02, True)])
 def test_an_order_too_slow_to_be_one_leaves_the_adjoint_problem_alone(order, told):

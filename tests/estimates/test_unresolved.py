@@ -12,6 +12,7 @@ from driver.errors import NotConverged
 from driver.estimates import successive, unresolved
 from driver.estimates.budget import OF_TIME, Part
 from driver.estimates.budget_words import share
+from driver.estimates.given import Given
 from driver.results.touch import Touch
 from driver.runs import search, trials
 
@@ -68,19 +69,6 @@ def test_a_body_that_is_resolved_has_displacements_however_few_nodes_touch(touch
     assert ("displacement" not in found) == known and "slip" in found
     assert ("the body or what it meets is round: take a finer mesh" in found["slip"].note) == bool(
         touch.round)
-
-
-@pytest.mark.parametrize("flat, stays", [(True, True), (False, False)])
-def test_resultants_that_loads_give_are_claimed_whatever_the_mesh(flat, stays):
-    """Where nothing but one normal carries them: else friction has a part in the balance."""
-    exact = {name: Part(1e-7) for name in VALUES} | {"slip": Part(0.01)}
-    unknown = dict.fromkeys(("normal_resultant", "slip"), Part(None))
-    found = unresolved.known(exact, unknown, VALUES, Touch(1, 1.0, flat=flat, open={}))
-    assert (found["normal_resultant"].error is not None) == stays
-    assert found["slip"].error is None and found["displacement"].error == 1e-7
-    rough = exact | {"normal_resultant": Part(1.0)}
-    found = unresolved.known(rough, unknown, VALUES, Touch(1, 1.0, open={}))
-    assert found["normal_resultant"].error is None
 
 
 def test_errors_of_the_step_that_quantities_belong_to_count():
@@ -210,7 +198,7 @@ def searched(monkeypatch):
             beside=lambda part, *of: given.append(of) or part)
         for owner, name, answer in (
                 (successive, "of_level", energy), (successive.Peaks, "of_level", None),
-                (successive, "stand_for_curves", False)):
+                (successive, "stand_for_curves", False), (successive, "by_loads", Given())):
             monkeypatch.setattr(owner, name, lambda *_, answer=answer, **__: answer)
         monkeypatch.setattr(successive.adjoint, "assess", lambda *of: said.update(
             adjoint=of[3]) or ({"normal_resultant": 1.0}, {"smoothed": 0.01}))
