@@ -11,9 +11,9 @@ from ..march.step import Step
 from ..options import Settings
 from ..results.record import Record
 from . import caution, given, jumps, soundness, unresolved
-from .between_steps import Strides, finer, of_earlier_moment
-from .budget import (OF_TIME, Part, coarser, extrapolate, formal_order, mesh_knob, name_of,
-                     located, of_one_step, ratio, summed)
+from .between_steps import Strides, finer, more_steps, of_earlier_moment
+from .budget import (OF_TIME, Part, coarser, extrapolate, falls, formal_order, located,
+                     main_quantity, mesh_knob, name_of, of_one_step, ratio, summed)
 from .budget_words import advice
 from .free_peak import Peaks
 from .levels import Level, Levels, samples
@@ -143,12 +143,18 @@ class Companions:
         else:
             size = self.manifest.parameters[self.knob]
             mesh = name_of(self.knob, 2 * size if self.knob == "cells" else size / 2)
-        history = self.effects.quasistatic
+        steps = more_steps(self.manifest) or 2 * self.manifest.steps
         return {"mesh": mesh,
-                "time": f"STEPS={2 * self.manifest.steps}" if history else "quasistatic(1.)",
+                "time": f"STEPS={steps}" if self.effects.quasistatic else "quasistatic(1.)",
                 **({"jumps": jumps.remedy(self.settings.cycles, self.jumps)} if self.jumps else {}),
                 "friction": f"FRICTION_RTOL={self.settings.friction_rtol / 10:.0e}",
                 "solver": f"RTOL={self.settings.rtol / 10:.0e}"}
+
+    def doubtful(self, parts: dict[str, dict[str, Part]]) -> set[str]:
+        """Sources of which no run tells that their `remedies` lower the main error."""
+        name = main_quantity(self.values)
+        jump = {"time"} if more_steps(self.manifest) is None else set()
+        return jump | {source for source, part in parts.items() if not falls(part[name])}
 
     def parts(self) -> dict[str, dict[str, Part]]:
         """Part by source and quantity."""
@@ -301,7 +307,7 @@ class Companions:
         away = {name: OF_TIME * abs(own[name] - values[0][name]) for name in found}
         left = {name: size / (parts ** self._order("time", name) - 1)
                 for name, size in away.items()}
-        return {name: Part(away[name] + max(part.error, left[name]), part.order)
+        return {name: Part(away[name] + max(part.error, left[name]), part.order, rate=part.rate)
                 for name, part in found.items()}
 
     def _jumps(self) -> dict[str, Part]:
@@ -369,6 +375,6 @@ def assess(entry: dict, companions: Companions) -> dict[str, dict[str, Part]]:
     parts = companions.parts()
     budget = {name: summed({source: part[name] for source, part in parts.items()}, value)
               for name, value in companions.values.items()}
-    entry |= {"quantities": budget, "advice": advice(budget, companions.remedies()),
-              "notes": companions.notes}
+    said = advice(budget, companions.remedies(), companions.doubtful(parts))
+    entry |= {"quantities": budget, "advice": said, "notes": companions.notes}
     return parts

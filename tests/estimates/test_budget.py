@@ -348,7 +348,7 @@ def test_what_halves_elements_lowers_their_error(knob, size, cycles, expected):
     companions = SimpleNamespace(
         knob=knob, levels=SimpleNamespace(refined=cycles), jumps=None,
         effects=SimpleNamespace(quasistatic=True),
-        manifest=SimpleNamespace(parameters={knob: size}, steps=20),
+        manifest=SimpleNamespace(parameters={knob: size}, steps=20, between={}),
         settings=SimpleNamespace(rtol=1e-6, friction_rtol=1e-5, cycles=None))
     remedies = Companions.remedies(companions)
     assert remedies == {"mesh": expected, "time": "STEPS=40", "friction": "FRICTION_RTOL=1e-06",
@@ -505,3 +505,11 @@ def test_two_levels_err_as_their_order_says(ratio, pair):
     found = part(3.0 + 0.7 * h**pair, (ratio,), pair=pair)
     assert found.error == pytest.approx(budget.PAIR * 0.7 * 0.1**pair)
     assert found.order is None
+
+
+@pytest.mark.parametrize("changes, known", [
+    ([0.1, 0.2], True), ([0.1, -0.2], True), ([0.1, 0.1], False), ([0.2, -0.1], False),
+    ([0.1], True)])
+def test_errors_fall_where_changes_do(changes, known):
+    """Two runs alone are taken at their word."""
+    assert budget.falls(budget.extrapolate(changes, [2.0, 2.0], 2.0, 1.0, True)) == known
