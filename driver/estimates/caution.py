@@ -133,7 +133,8 @@ class Caution:
         unresolved.py, `given` of given.py. Collective.
         """
         element = problem.manifest.element
-        polygons |= touch.round > 0 and "curved" not in problem.effects
+        curve = touch.round > 0 and not touch.straight  # or is it the obstacle that is round?
+        polygons |= curve and "curved" not in problem.effects
         chords = element != "P1" and polygons
         largest = float(problem.structure.travel.bodies.size.max(initial=0.0)) or np.inf
         return cls(element, adapted, chords, stiffness(problem), energy, touch, sizes, largest,

@@ -23,6 +23,7 @@ class Touch:
     nodes: int = 0  # that touch
     lone: float = 0.0  # part of the pressing force in areas of fewer than AREA nodes
     round: int = 0  # how many press, if some of them belong to a boundary whose normals vary
+    straight: bool = False  # all that press belong to straight boundaries, and meet obstacles
     dragged: bool = False  # all that touch slide, and one way
     open: dict = None  # what nodes leave open by quantity
     pressure: np.ndarray = field(default_factory=lambda: np.zeros(0))  # of those that touch
@@ -42,8 +43,9 @@ class Touch:
     way_at_end: bool = False  # what has slid farthest is next to an end, none of a symmetry
 
     @classmethod
-    def of(cls, nodes: dict, steps: dict, index: int, pressing_round: int) -> "Touch":
-        """`nodes` and `steps` as of quantities.py; `pressing_round`: `round` as above."""
+    def of(cls, nodes: dict, steps: dict, index: int, pressing_round: int,
+           straight: bool = False) -> "Touch":
+        """`nodes`, `steps` as of quantities.py; `pressing_round`: `round`, `straight` as above."""
         closed, pieces = steps["status"][index] != OPEN, chains(nodes)
         sliding = (steps["status"][index] == SLIP)[closed].all()
         sliding_at_all = (steps["status"][: index + 1] == SLIP).any()
@@ -62,6 +64,7 @@ class Touch:
                    for piece in lines]
         return cls(
             nodes=int(closed.sum()), lone=_lone(nodes, pressing), round=pressing_round,
+            straight=straight,
             dragged=bool(sliding and one_way), open=between_nodes(nodes, steps, index),
             pressure=pressure[closed], length=length,
             ends=_at_ends(nodes, pieces, steps, index),

@@ -129,6 +129,9 @@ def test_chords_of_a_round_boundary_are_of_second_order():
     chords = Caution.of(problem(0.3, "P2"), round_, {})
     assert chords.chords and not Caution.of(problem(0.3, "P2", declared), round_, {}).chords
     assert not Caution.of(problem(0.3), round_, {}).chords
+    # a round obstacle on a straight boundary, which has no chords
+    straight = Touch(round=9, straight=True, open={})
+    assert not Caution.of(problem(0.3, "P2"), straight, {}).chords
     values, small = {"displacement": power(2.5)}, {"displacement": Sizes(1e-9, 6e-4, 3e-4)}
     free = of(values, element="P2", sizes=small)["displacement"].error
     error = of(values, element="P2", sizes=small, chords=True)["displacement"].error
