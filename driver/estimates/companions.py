@@ -3,21 +3,20 @@ its error that follow from them (budget.py).
 """
 
 import dataclasses
-from functools import partial
 
 from ..errors import DriverError
 from ..march.problem import Problem
 from ..march.step import Step
 from ..options import Settings
 from ..results.record import Record
-from . import caution, given, jumps, soundness, unresolved
+from . import caution, jumps, unresolved
 from .between_steps import Strides, finer, more_steps, of_earlier_moment
 from .budget import (OF_TIME, Part, coarser, extrapolate, falls, formal_order, located,
                      main_quantity, mesh_knob, name_of, of_one_step, ratio, summed)
 from .budget_words import advice
 from .free_peak import Peaks
 from .levels import Level, Levels, samples
-from .polygons import stand_for_curves
+from .mesh_part import MeshPart
 
 # a loose fixed point may stop where a much tighter one does: the companion's is this at most
 SETTLED = 1e-7
@@ -40,24 +39,15 @@ class Companions:
     """Runs beside one run, and what each part of its error follows from."""
 
     def __init__(self, levels: Levels, problem: Problem, settings: Settings, record: Record,
-                 sizes: dict, energy: dict | None = None, smoothed: float | None = None,
+                 adjoints: tuple[dict, dict], energy: dict | None = None,
                  step: Step | None = None):
-        """`record` of the run of `problem` with `settings`; `sizes` and `smoothed` as of
-        adjoint.assess, `energy` the entry of energy.report. `step`: that of the quantities.
+        """`record` of the run of `problem` with `settings`, `adjoints` as of adjoint.assess,
+        `energy` the entry of energy.report. `step`: that of the quantities.
         """
         self.record = record
         self.values, self.at = record.quantities()
         self.operator, self.step = problem.operator, step
-        self.singular, touch = record.singular_places(), record.touch(self.at)
-        error, element = unresolved.energy_error(energy), problem.manifest.element
-        self.loads = given.by_loads(problem.operator, record, self.values, self.at)
-        self.caution = caution.Caution.of(problem, touch, sizes, error, bool(levels.refined),
-                                  stand_for_curves(problem),
-                                  unresolved.seen(energy, smoothed, self.at + 1),
-                                  self.loads.anywhere)
-        self.unresolved = partial(unresolved.parts, self.values, error, touch, element,
-                                  bool(sizes), unresolved.blind(energy, smoothed, self.at + 1))
-        self.begins = lambda name, names: None  # takes the stage that begins, and all of them
+        self.of_mesh = MeshPart(problem, record, adjoints, energy, bool(levels.refined))
         self.levels, self.manifest, self.settings = levels, problem.manifest, settings
         self.effects = problem.effects
         self.strides = Strides(self.effects, self.manifest,
@@ -166,12 +156,12 @@ class Companions:
             effects.frictional or self.at < self.manifest.steps - 1)
         stages = [OF_MESHES, *([OF_STEPS] if timed else []), *([OF_JUMPS] if self.jumps else []),
                   OF_TOLERANCES, OF_PRICES]
-        self.begins(OF_MESHES, stages)
+        self.levels.watch.stage(OF_MESHES, stages)
         parts = {"mesh": self._mesh()}
         self.notes += self._stiff()
-        self.given = unresolved.of_loads(self.values, parts["mesh"], self.loads)
+        self.given = self.of_mesh.given(parts["mesh"])
         if timed:
-            self.begins(OF_STEPS, stages)
+            self.levels.watch.stage(OF_STEPS, stages)
             alone = not effects.frictional and self.strides.motion is None
             parts["time"] = {} if alone else self._time(_known(parts["mesh"]))
             parts["time"] |= self._of_instant(parts["time"])
@@ -180,11 +170,11 @@ class Companions:
         elif self.open_work and not effects.quasistatic:
             parts["time"] = of_one_step(self.values, self.open_work)
         if self.jumps:
-            self.begins(OF_JUMPS, stages)
+            self.levels.watch.stage(OF_JUMPS, stages)
             parts["jumps"] = self._jumps()
-        self.begins(OF_TOLERANCES, stages)
+        self.levels.watch.stage(OF_TOLERANCES, stages)
         found = self._of_tolerances(tight, earned)
-        self.begins(OF_PRICES, stages)
+        self.levels.watch.stage(OF_PRICES, stages)
         return parts | found
 
     def _of_tolerances(self, tight: dict, earned: dict) -> dict[str, dict[str, Part]]:
@@ -210,21 +200,11 @@ class Companions:
             other = " ".join(name_of(*pair) for pair in self.meshes[len(good) + 1].items())
             self.notes.append(f"companion {other}: forces or displacements are twice those of the "
                               "finer mesh, or more: on so coarse a mesh it is another problem")
-        touches = [self.caution.touch, *(self.level(mesh, each).touch for mesh, each, _ in zip(
-            self.meshes[1:], (1, stride), good))]
-        lost = [soundness.lost(self.levels.problem(**mesh))
-                for mesh in self.meshes[:len(good) + 1]]
-        parts = self.caution.parts(self.values, good, self.ratios, self.singular, touches, lost)
-        if good:
-            peaks = self._peaks(len(good), stride) if self.step else []
-            parts["displacement"] = self.caution.beside(
-                parts["displacement"], self.values["displacement"], peaks, touches, self.ratios)
-        # of adapted meshes it is not known how long elements at the corner are
-        left = 0.0 if self.levels.refined else unresolved.halvings(touches, self.ratios)
-        if left:
-            parts = unresolved.of_corners(parts, good[0], self.ratios[0], left)
-        parts = unresolved.claimable(parts, self.values, self.caution.touch.nodes > 0)
-        return unresolved.known(parts, self.unresolved(corners=left > 0), self.values, self.loads)
+        touches = [self.level(mesh, each).touch
+                   for mesh, each, _ in zip(self.meshes[1:], (1, stride), good)]
+        problems = [self.levels.problem(**mesh) for mesh in self.meshes[:len(good) + 1]]
+        peaks = self._peaks(len(good), stride) if good and self.step else []
+        return self.of_mesh.by(good, self.ratios, problems, touches, peaks)
 
     def _peaks(self, pairs: int, stride: int) -> list[tuple[Peaks, Peaks]]:
         """Of the first `pairs` of finer and coarser meshes, finest first."""

@@ -13,6 +13,7 @@ from driver.estimates import budget, unresolved
 from driver.estimates.adjoint import Sizes
 from driver.estimates.budget import name_of
 from driver.estimates.companions import Companions
+from driver.estimates.levels import Unwatched
 from driver.options import Settings
 from driver.results.touch import Touch
 from driver.runs.solve import NO_ESTIMATES
@@ -134,7 +135,7 @@ class Linear:
     FACTORS = {"rtol": 1.0, "primal_rtol": 30.0, "friction_rtol": 1000.0}
 
     def __init__(self):
-        self.problems, self.refined, self.plan = {}, (), None
+        self.problems, self.refined, self.plan, self.watch = {}, (), None, Unwatched()
 
     def problem(self, **_changes):
         """Any mesh can be had, and no load acts on its edges."""
@@ -185,7 +186,7 @@ def test_each_tolerance_has_its_share(coulomb, name):
     record = SimpleNamespace(quantities=lambda: ({"displacement": levels.value(loose)}, 0),
                              singular_places=lambda: (), open_work=lambda: 0.0,
                              touch=lambda _index: Touch(open={}))
-    companions = Companions(levels, problem_of(manifest, effects), loose, record, {})
+    companions = Companions(levels, problem_of(manifest, effects), loose, record, ({}, {}))
     parts = companions.parts()
     error = sum(parts[source]["displacement"].error for source in ("friction", "solver")
                 if source in parts)
@@ -223,8 +224,8 @@ def test_a_mesh_that_does_not_resolve_the_solution_leaves_no_claims_of_contact(e
     record = SimpleNamespace(quantities=lambda: (values, 0), singular_places=lambda: (),
                              open_work=lambda: 0.0,
                              touch=lambda _index: touch)
-    parts, held = (Companions(levels, problem_of(manifest, effects), Settings(), record, sizes,
-                              energy).parts()["mesh"]
+    parts, held = (Companions(levels, problem_of(manifest, effects), Settings(), record,
+                              (sizes, {}), energy).parts()["mesh"]
                    for sizes in ({}, {"normal_resultant": Sizes(1e-3, 1.0, 1.0)}))
     assert held["displacement"].error > 0
     assert (parts["displacement"].error is not None) == known
