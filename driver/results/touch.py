@@ -140,7 +140,7 @@ def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
     Where contact ends between two nodes the place is known to a part of the edge, and where
     pressure falls steeply towards an end of the boundary contact may end before it, by as much as
     `_before_ends` says where it would be zero there but for the end node. An area of a node or two
-    may reach over all of the sides beside it, or be a point. The largest slip may be
+    may reach over all of the edges beside it, or be a point. The largest slip may be
     elsewhere by as much as it differs from that of the next nodes that have touched. Slip and the
     place between two nodes where FEW nodes are in contact; where there are more by less in
     proportion, as meshes tell: of slip where more have slid, as it is zero wherever all stick. Of
@@ -257,9 +257,9 @@ def _ends(nodes: dict, piece: np.ndarray, closed: np.ndarray) -> list[float]:
 
 
 def _of_few(nodes: dict, piece: np.ndarray, closed: np.ndarray) -> float:
-    """Length of the element sides beside areas of contact of fewer than AREA nodes of a piece."""
+    """Length of the edges to the next nodes of areas of contact of fewer than AREA nodes."""
     around = np.flatnonzero(np.diff(np.r_[False, closed, False]))  # firsts, and ends beyond lasts
-    side = _element_sides(nodes, piece)
+    side = np.diff(nodes["arc"][piece])
     beside = [k for first, end in around.reshape(-1, 2) if end - first < AREA
               for k in (first - 1, end - 1) if 0 <= k < len(side)]
     return float(side[beside].sum()) if beside else 0.0
