@@ -93,9 +93,9 @@ def budget_of(exported, tmp_path_factory):
             problem = assemble(exported(scene, **parameters), MPI.COMM_SELF)
             levels.problems[()] = problem
             run, entry = levels.run(settings), {}
-            sizes, _ = adjoint.assess(problem, run.record, run.steps[run.at], run.values,
+            adjoints = adjoint.assess(problem, run.record, run.steps[run.at], run.values,
                                       lambda: gather_body(Gather(problem.operator)))
-            assess(entry, Companions(levels, problem, settings, run.record, sizes,
+            assess(entry, Companions(levels, problem, settings, run.record, (adjoints[0], {}),
                                      step=run.steps[run.at]))
             levels.close()
             made[key] = entry

@@ -41,9 +41,9 @@ not told    two meshes, differences that turn, hardly fall (caution.py), or fall
 Peaks err below one node, where smoothed stresses are of lower order than the pressure: they have a
 limit from above alone, PEAK times gross; slip adds up over steps, of which the adjoint problem
 knows the last: meshes speak, up to the bound, but where there are two, which agree by chance, the
-claim is not below gross over SEES squared. Where slip turned, or contact was unloaded since, all
-that the last state has of it errs by what earlier ones did: no claim of slip, shear or displacement
-is limited from above.
+claim is not below gross over SEES squared. Where slip turned or came to rest, or contact was
+unloaded since, all that the last state has of it errs by what earlier ones did: no claim of slip,
+shear or displacement is limited from above.
 """
 
 from dataclasses import dataclass, replace
@@ -54,6 +54,7 @@ from ..contact.states import OPEN, SLIP, STICK
 from ..effects import Effects
 from . import recovery
 from .budget import Part
+from .given import of_resultant
 from .torn_body import Gather
 
 NET = 1.5
@@ -179,11 +180,8 @@ class Adjoint:
         if name == "displacement":
             return target, start, self._at_largest()
         if name in ("normal_resultant", "tangential_resultant"):
-            normal = name == "normal_resultant"
-            row, node = ((rows.normal, rows.normal_node) if normal
-                         else (rows.tangential, rows.tangential_node))
-            target[row] = self.record.signed_shares(name, index)[node]
-            return target, start, None
+            signs = self.record.signed_shares(name, index)
+            return of_resultant(rows, signs, name, self.operator.owned), start, None
         if name == "peak_pressure":
             weight = self.record.contact.boundary.weight
             near = self.record.peak_nodes(index)

@@ -173,6 +173,13 @@ def located(part: Part, least: float) -> Part:
     return dataclasses.replace(part, error=least)
 
 
+def falls(part: Part) -> bool:
+    """Whether finer runs lower the error, as far as there are any: not where they change by as much
+    from one to the next, or by more. Two alone are taken at their word.
+    """
+    return part.rate != UNSETTLED if part.order is None else part.order > SLOWEST
+
+
 def of_one_step(values: dict, open_work: float) -> dict[str, Part]:
     """The time step's part of static quantities `values`: what one step leaves open of the work of
     friction, as of Record.

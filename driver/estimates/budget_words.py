@@ -11,8 +11,10 @@ SOURCES = {"mesh": "mesh", "time": "time step", "jumps": "jumps over cycles",
            "solver": "solver's tolerance"}
 
 
-def advice(quantities: dict, remedies: dict[str, str]) -> str:
-    """One sentence: the largest part of the main error and which of `remedies` lowers it."""
+def advice(quantities: dict, remedies: dict[str, str], doubtful=()) -> str:
+    """One sentence: the largest part of the main error and which of `remedies` lowers it; of a
+    `doubtful` source, whose error finer runs have not been seen to lower, which may.
+    """
     name = main_quantity(quantities)
     entry = quantities[name]
     parts = {source: entry[source] for source in SOURCES if source in entry}
@@ -26,7 +28,7 @@ def advice(quantities: dict, remedies: dict[str, str]) -> str:
         return f"the {words} needs nothing finer"
     percent = 100 * parts[largest] / entry["total"]
     return (f"{percent:.0f} % of the error of the {words} is due to the {SOURCES[largest]}: "
-            f"{remedies[largest]} would lower it")
+            f"{remedies[largest]} {'may' if largest in doubtful else 'would'} lower it")
 
 
 def unit(name: str, units: dict) -> str:

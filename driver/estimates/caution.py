@@ -20,8 +20,14 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
   meshes seem to converge, of slip that is largest there half of it; that, the work of friction and
   the length, if contact ends between nodes, with the safety of what nothing else holds. Meshes that
   show an order ABOUT as high may tell it or not: more is claimed;
-- where slip turned or contact was unloaded since: adjoint problems of the last state do not see the
-  errors of earlier ones, so that they hold what slip is LEFT in from below alone;
+- where slip turned or came to rest, or contact was unloaded since: adjoint problems of the last
+  state do not see the errors of earlier ones, so that they hold what slip is LEFT in from below
+  alone;
+- where areas of contact of a node or two carry a tenth of the force: it acts where a node is, as
+  it does in adjoint problems, which then hold errors from below alone, and the second order of two
+  meshes is not taken for granted;
+- not where loads give a resultant by balance, wherever contact is (given.py): coarser meshes tell
+  what loads err by, and neither contact nor adjoint problems have a part in it;
 - for order three, where quadratic elements have straight sides on a round boundary, of contact or
   not: a polygon is of second order, and adjoint problems, which smooth stresses, do not see it, so
   that they hold errors from below alone;
@@ -75,10 +81,11 @@ COMPLIANCE = 0.65
 LIGHT = 0.25  # of the relative error in energy, and of the mean pressure
 SHEAR = 0.25  # of the square of the relative error in energy times the pressing force
 BALANCE = 1e-5  # of the pressing force: what tolerances leave of forces that loads give
+LONE = 0.1  # of the pressing force in areas of contact of a node or two: it acts where a node is
 PRESSING = 3  # nodes that press on a round boundary: fewer have but one normal
 FEWEST = {"P1": 5}  # nodes in contact that tell something of it: those of four sides ...
 QUADRATIC = 7  # ... or three, of quadratic elements
-LONE = "two meshes say nothing of it"
+OF_TWO = "two meshes say nothing of it"
 GRAZES = "the mesh is too coarse: it may touch"
 # half of what the strongest stresses of one material leave: by chance rather than an order; adjoint
 # problems, which see the stresses themselves, then speak alone
@@ -116,19 +123,22 @@ class Caution:
     length: float = np.inf  # of the largest body
     tips: float = np.inf  # order that tips of cracks leave, see sharp_ends.py
     seen: float = 1.0  # part of the bound of the error in energy that smoothed stresses see
+    given: frozenset = frozenset()  # resultants that loads give, wherever contact is
 
     @classmethod
     def of(cls, problem, touch: Touch, sizes: dict, energy: float = 0.0,
-           adapted: bool = False, polygons: bool = False, seen: float = 1.0) -> "Caution":
+           adapted: bool = False, polygons: bool = False, seen: float = 1.0,
+           given: frozenset = frozenset()) -> "Caution":
         """`energy`: relative error in the energy norm; `polygons` as of polygons.py, `seen` of
-        unresolved.py. Collective.
+        unresolved.py, `given` of given.py. Collective.
         """
         element = problem.manifest.element
-        polygons |= touch.round > 0 and "curved" not in problem.effects
+        curve = touch.round > 0 and not touch.straight  # or is it the obstacle that is round?
+        polygons |= curve and "curved" not in problem.effects
         chords = element != "P1" and polygons
         largest = float(problem.structure.travel.bodies.size.max(initial=0.0)) or np.inf
         return cls(element, adapted, chords, stiffness(problem), energy, touch, sizes, largest,
-                   sharp_ends.of_tips(problem, touch), seen)
+                   sharp_ends.of_tips(problem, touch), seen, given)
 
     def parts(self, values: dict, runs: list, ratios: list[float], singular,
               touches: list[Touch] = (), lost: list[float] = ()) -> dict[str, Part]:
@@ -238,7 +248,7 @@ class Caution:
         if max(changes, default=0.0) <= BALANCE * force:
             return part
         if len(changes) == 1 and not self.sizes:
-            return Part(None, note=LONE)
+            return Part(None, note=OF_TWO)
         if self.sizes:
             return part
         return located(part, SHEAR * self.energy**2 * force)
@@ -256,11 +266,15 @@ class Caution:
     def _part(self, name: str, changes: list, ratios: list, value: float, singular: bool,
               most: float) -> Part:
         quantity = QUANTITIES[name]
+        if name in self.given:  # the error of the loads, which a polygon errs by at most
+            return extrapolate(changes, ratios, formal_order("mesh", self.element, name,
+                                                             self.chords), value, True, pair=FAST)
         caution = quantity.caution if self.sizes or name not in HELD else SAFETY
         estimated = np.isfinite(most)
         if estimated and (name in (WORK, LENGTH) or name == SLIP and self.touch.way_at_end):
             caution = SAFETY  # nodes beside a sharp end differ by far less than it errs
         fast = (self.element != "P1" or self.adapted) and name in HELD and self.sizes
+        fast = fast and self.touch.lone <= LONE
         formal = formal_order("mesh", self.element, name, self.chords, most)
         # of integrals an order below this is chance: their errors fall by twice the order that
         # those of stresses do, which the strongest of one material, r^-3/4, leave at 1/4
@@ -277,7 +291,8 @@ class Caution:
     def _held(self, name: str, part: Part, changes: list, ratios: list, told: bool) -> Part:
         """The part within what adjoint problems leave; `told`: whether meshes tell an order."""
         part = self._doubted(part, told)
-        unseen = self.chords or self.touch.earlier and name in LEFT
+        unseen = (self.chords or self.touch.lone > LONE
+                  or self.touch.earlier and name in LEFT)
         slack = np.inf if unseen else self.stiff  # for what smoothed stresses do not see
         told |= name not in HELD and (name != SLIP or len(changes) > 1)
         part = held(name, part, self.sizes.get(name), slack, told, self.seen)

@@ -3,21 +3,20 @@ its error that follow from them (budget.py).
 """
 
 import dataclasses
-from functools import partial
 
 from ..errors import DriverError
 from ..march.problem import Problem
 from ..march.step import Step
 from ..options import Settings
 from ..results.record import Record
-from . import caution, jumps, soundness, unresolved
-from .between_steps import Strides, finer, of_earlier_moment
-from .budget import (OF_TIME, Part, coarser, extrapolate, formal_order, mesh_knob, name_of,
-                     located, of_one_step, ratio, summed)
+from . import caution, jumps, unresolved
+from .between_steps import Strides, finer, more_steps, of_earlier_moment
+from .budget import (OF_TIME, Part, coarser, extrapolate, falls, formal_order, located,
+                     main_quantity, mesh_knob, name_of, of_one_step, ratio, summed)
 from .budget_words import advice
 from .free_peak import Peaks
 from .levels import Level, Levels, samples
-from .polygons import stand_for_curves
+from .mesh_part import MeshPart
 
 # a loose fixed point may stop where a much tighter one does: the companion's is this at most
 SETTLED = 1e-7
@@ -40,22 +39,15 @@ class Companions:
     """Runs beside one run, and what each part of its error follows from."""
 
     def __init__(self, levels: Levels, problem: Problem, settings: Settings, record: Record,
-                 sizes: dict, energy: dict | None = None, smoothed: float | None = None,
+                 adjoints: tuple[dict, dict], energy: dict | None = None,
                  step: Step | None = None):
-        """`record` of the run of `problem` with `settings`; `sizes` and `smoothed` as of
-        adjoint.assess, `energy` the entry of energy.report. `step`: that of the quantities.
+        """`record` of the run of `problem` with `settings`, `adjoints` as of adjoint.assess,
+        `energy` the entry of energy.report. `step`: that of the quantities.
         """
         self.record = record
         self.values, self.at = record.quantities()
         self.operator, self.step = problem.operator, step
-        self.singular, touch = record.singular_places(), record.touch(self.at)
-        error, element = unresolved.energy_error(energy), problem.manifest.element
-        self.caution = caution.Caution.of(problem, touch, sizes, error, bool(levels.refined),
-                                  stand_for_curves(problem),
-                                  unresolved.seen(energy, smoothed, self.at + 1))
-        self.unresolved = partial(unresolved.parts, self.values, error, touch, element,
-                                  bool(sizes), unresolved.blind(energy, smoothed, self.at + 1))
-        self.begins = lambda name, names: None  # takes the stage that begins, and all of them
+        self.of_mesh = MeshPart(problem, record, adjoints, energy, bool(levels.refined))
         self.levels, self.manifest, self.settings = levels, problem.manifest, settings
         self.effects = problem.effects
         self.strides = Strides(self.effects, self.manifest,
@@ -141,12 +133,18 @@ class Companions:
         else:
             size = self.manifest.parameters[self.knob]
             mesh = name_of(self.knob, 2 * size if self.knob == "cells" else size / 2)
-        history = self.effects.quasistatic
+        steps = more_steps(self.manifest) or 2 * self.manifest.steps
         return {"mesh": mesh,
-                "time": f"STEPS={2 * self.manifest.steps}" if history else "quasistatic(1.)",
+                "time": f"STEPS={steps}" if self.effects.quasistatic else "quasistatic(1.)",
                 **({"jumps": jumps.remedy(self.settings.cycles, self.jumps)} if self.jumps else {}),
                 "friction": f"FRICTION_RTOL={self.settings.friction_rtol / 10:.0e}",
                 "solver": f"RTOL={self.settings.rtol / 10:.0e}"}
+
+    def doubtful(self, parts: dict[str, dict[str, Part]]) -> set[str]:
+        """Sources of which no run tells that their `remedies` lower the main error."""
+        name = main_quantity(self.values)
+        jump = {"time"} if more_steps(self.manifest) is None else set()
+        return jump | {source for source, part in parts.items() if not falls(part[name])}
 
     def parts(self) -> dict[str, dict[str, Part]]:
         """Part by source and quantity."""
@@ -158,12 +156,12 @@ class Companions:
             effects.frictional or self.at < self.manifest.steps - 1)
         stages = [OF_MESHES, *([OF_STEPS] if timed else []), *([OF_JUMPS] if self.jumps else []),
                   OF_TOLERANCES, OF_PRICES]
-        self.begins(OF_MESHES, stages)
+        self.levels.watch.stage(OF_MESHES, stages)
         parts = {"mesh": self._mesh()}
         self.notes += self._stiff()
-        self.given = caution.by_balance(self.values, parts["mesh"])
+        self.given = self.of_mesh.given(parts["mesh"])
         if timed:
-            self.begins(OF_STEPS, stages)
+            self.levels.watch.stage(OF_STEPS, stages)
             alone = not effects.frictional and self.strides.motion is None
             parts["time"] = {} if alone else self._time(_known(parts["mesh"]))
             parts["time"] |= self._of_instant(parts["time"])
@@ -172,11 +170,11 @@ class Companions:
         elif self.open_work and not effects.quasistatic:
             parts["time"] = of_one_step(self.values, self.open_work)
         if self.jumps:
-            self.begins(OF_JUMPS, stages)
+            self.levels.watch.stage(OF_JUMPS, stages)
             parts["jumps"] = self._jumps()
-        self.begins(OF_TOLERANCES, stages)
+        self.levels.watch.stage(OF_TOLERANCES, stages)
         found = self._of_tolerances(tight, earned)
-        self.begins(OF_PRICES, stages)
+        self.levels.watch.stage(OF_PRICES, stages)
         return parts | found
 
     def _of_tolerances(self, tight: dict, earned: dict) -> dict[str, dict[str, Part]]:
@@ -202,22 +200,11 @@ class Companions:
             other = " ".join(name_of(*pair) for pair in self.meshes[len(good) + 1].items())
             self.notes.append(f"companion {other}: forces or displacements are twice those of the "
                               "finer mesh, or more: on so coarse a mesh it is another problem")
-        touches = [self.caution.touch, *(self.level(mesh, each).touch for mesh, each, _ in zip(
-            self.meshes[1:], (1, stride), good))]
-        lost = [soundness.lost(self.levels.problem(**mesh))
-                for mesh in self.meshes[:len(good) + 1]]
-        parts = self.caution.parts(self.values, good, self.ratios, self.singular, touches, lost)
-        if good:
-            peaks = self._peaks(len(good), stride) if self.step else []
-            parts["displacement"] = self.caution.beside(
-                parts["displacement"], self.values["displacement"], peaks, touches, self.ratios)
-        # of adapted meshes it is not known how long elements at the corner are
-        left = 0.0 if self.levels.refined else unresolved.halvings(touches, self.ratios)
-        if left:
-            parts = unresolved.of_corners(parts, good[0], self.ratios[0], left)
-        parts = unresolved.claimable(parts, self.values, self.caution.touch.nodes > 0)
-        return unresolved.known(parts, self.unresolved(corners=left > 0), self.values,
-                                self.caution.touch)
+        touches = [self.level(mesh, each).touch
+                   for mesh, each, _ in zip(self.meshes[1:], (1, stride), good)]
+        problems = [self.levels.problem(**mesh) for mesh in self.meshes[:len(good) + 1]]
+        peaks = self._peaks(len(good), stride) if good and self.step else []
+        return self.of_mesh.by(good, self.ratios, problems, touches, peaks)
 
     def _peaks(self, pairs: int, stride: int) -> list[tuple[Peaks, Peaks]]:
         """Of the first `pairs` of finer and coarser meshes, finest first."""
@@ -300,7 +287,7 @@ class Companions:
         away = {name: OF_TIME * abs(own[name] - values[0][name]) for name in found}
         left = {name: size / (parts ** self._order("time", name) - 1)
                 for name, size in away.items()}
-        return {name: Part(away[name] + max(part.error, left[name]), part.order)
+        return {name: Part(away[name] + max(part.error, left[name]), part.order, rate=part.rate)
                 for name, part in found.items()}
 
     def _jumps(self) -> dict[str, Part]:
@@ -368,6 +355,6 @@ def assess(entry: dict, companions: Companions) -> dict[str, dict[str, Part]]:
     parts = companions.parts()
     budget = {name: summed({source: part[name] for source, part in parts.items()}, value)
               for name, value in companions.values.items()}
-    entry |= {"quantities": budget, "advice": advice(budget, companions.remedies()),
-              "notes": companions.notes}
+    said = advice(budget, companions.remedies(), companions.doubtful(parts))
+    entry |= {"quantities": budget, "advice": said, "notes": companions.notes}
     return parts

@@ -56,27 +56,39 @@ class Level:
         """Contact at the step of the values; collective."""
         return self.record.touch(self.at)
 
-    @property
-    def singular(self) -> tuple[str, ...]:
-        """Quantities at places where they may be infinite."""
-        return self.record.singular_places()
+
+class Unwatched:
+    """Is told of runs and their steps and of the stages that they belong to, and says nothing."""
+
+    def stage(self, name: str, names: list[str]) -> None:
+        """One of the stages `names` begins."""
+
+    def begin(self, total: int) -> None:
+        """A run of `total` steps begins."""
+
+    def update(self) -> None:
+        """A step of it is done."""
+
+    def end(self) -> None:
+        """It has ended."""
 
 
 class Levels:
     """Meshes and finished runs of one scene."""
 
     def __init__(self, scene: Path, parameters: dict[str, str], folder: Path, comm,
-                 settings: Settings, refined=(), without=()):
+                 settings: Settings, refined=(), without=(), plan: list | None = None,
+                 watch=Unwatched()):
         """`parameters` of the command line; exports go to `folder`, which `close` removes.
 
         `settings`: of the runs about which contact is linearized, if they ask for that. `refined`:
         directories of finished cycles of adaptive refinement, whose exports are the meshes cycle=0,
-        1, ... `without`: effects treated as undeclared.
+        1, ... `without`: effects treated as undeclared. `plan`: cycles of the run that were jumped
+        over after each. `watch`: what runs/watch.py has in place of Unwatched.
         """
         self.scene, self.parameters, self.settings = scene, parameters, settings
         self.folder, self.comm, self.refined, self.without = folder, comm, refined, without
-        self.watch = None  # told of runs and their steps, see runs/watch.py
-        self.plan: list | None = None  # cycles of the run that were jumped over after each
+        self.plan, self.watch = plan, watch
         self.problems: dict = {}
         self.runs: dict = {}
         self.seconds = dict.fromkeys(("export", "setup", "solve"), 0.0)
@@ -167,18 +179,15 @@ class Levels:
         clock, before = time.perf_counter(), problem.operator.products
         times = samples(problem.manifest, stride)
         solver = problem.solver(settings, times, plan)
-        record, steps, watch = Record(problem.operator, solver), [], self.watch
-        if watch:
-            watch.begin(solver.total)
+        record, steps = Record(problem.operator, solver), []
+        self.watch.begin(solver.total)
         try:
             for step in solver.steps():
                 record.add(step)
                 steps.append(step)
-                if watch:
-                    watch.update()
+                self.watch.update()
         finally:
-            if watch:
-                watch.end()
+            self.watch.end()
             products = problem.operator.products - before
             spent = time.perf_counter() - clock
             self.products += products

@@ -14,11 +14,11 @@ from ..quantity_table import HELD
 from ..results.touch import Touch
 from .budget import Part, located, vanishing
 from .budget_words import share
-from .caution import PRESSING, by_balance, fewest
+from .caution import LONE, PRESSING, by_balance, fewest
+from .given import Given
 
 COARSE = 0.5  # relative error in energy from which coarser meshes tell nothing of a finer one
 FINE = 0.02  # the same up to which a body is resolved as a whole, however few its contact nodes
-LONE = 0.1  # of the pressing force in areas of contact of a node or two: it acts where a node is
 APART = 1.0  # change of a quantity to the next mesh over the quantity itself, of another problem
 BLIND = 0.25  # smoothed stresses' error in energy over its bound; that is 2.6 times the true one
 # at most in the tests, so that two thirds of the error are all that they see
@@ -167,10 +167,16 @@ def claimable(found: dict[str, Part], values: dict, touches: bool = False) -> di
 
 
 def known(found: dict[str, Part], unknown: dict[str, Part], values: dict,
-          touch: Touch) -> dict[str, Part]:
+          given: Given) -> dict[str, Part]:
     """The parts `found`, but those that are `unknown`; resultants that the loads give stay.
 
-    They give them where all that presses has one normal. `values` of the run.
+    They give them by balance anywhere, or where contact is, if coarser meshes agree on it. `values`
+    of the run.
     """
-    given = by_balance(values, found) if touch.flat else set()
-    return found | {name: part for name, part in unknown.items() if name not in given}
+    stay = of_loads(values, found, given)
+    return found | {name: part for name, part in unknown.items() if name not in stay}
+
+
+def of_loads(values: dict, parts: dict[str, Part], given: Given) -> set[str]:
+    """Resultants that the loads give, whatever the mesh; `parts` of the error by the mesh."""
+    return given.anywhere | by_balance(values, parts) & given.here

@@ -113,13 +113,14 @@ def carried(nodes: dict, steps: dict) -> np.ndarray:
 
 def made_under_load(nodes: dict, steps: dict, index: int) -> bool:
     """Whether the largest slip until step `index` was made one way, under what contact carries
-    then: it did not turn, nor did contact carry more before, but for AS_NOW. So is no slip.
+    then: it did not turn, nor come to rest, nor did contact carry more before, but for AS_NOW. So
+    is no slip.
     """
     node, force = farthest_node(steps, index), carried(nodes, steps)[: index + 1]
     sliding = steps["status"][: index + 1, node] == SLIP
     way = np.where(sliding, steps["slip"][: index + 1, node], 0.0)
     as_now = abs(way.sum()) >= AS_NOW * np.abs(way).sum() and force[-1] >= AS_NOW * force.max()
-    return bool(as_now or not way.any())
+    return bool(as_now and sliding[-1] or not way.any())
 
 
 def _moment(size: np.ndarray) -> int:

@@ -19,6 +19,12 @@ ROUND = 1e-6  # change of normals along a boundary that is not straight
 INSIDE = 1e-2  # of the largest displacement: depth of a clamped place inside what it meets
 
 
+def is_straight(places: np.ndarray) -> bool:
+    """Whether `places` (n, 2) lie on a line."""
+    along, across = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)[:2]
+    return len(places) > 2 and bool(across <= ROUND * along)
+
+
 class Record:
     """The steps of a run at the contact nodes, on every rank; collective."""
 
@@ -140,9 +146,8 @@ class Record:
         """How the nodes touch in a step; without contact they do not."""
         if not self.effects.contact:
             return Touch(open={})
-        normals = self.contact.boundary.normal[self.states["sigma_n"][index] < 0]
-        flat = not len(normals) or np.ptp(normals, axis=0).max() <= ROUND
-        return Touch.of(*self._columns(), index, self._pressing_round(index), bool(flat))
+        return Touch.of(*self._columns(), index, self._pressing_round(index),
+                        self._on_straight_sides(index))
 
     def arrivals(self) -> float:
         """What the steps leave open of the largest slip, see touch.of_arrivals."""
@@ -158,6 +163,14 @@ class Record:
         turns = [np.ptp(b.normal[b.chain == chain], axis=0).max() > ROUND
                  for chain in np.unique(b.chain[presses])]
         return int(presses.sum()) if any(turns) else 0
+
+    def _on_straight_sides(self, index: int) -> bool:
+        """Whether all that press in a step belong to straight boundaries and meet obstacles, be
+        these round: no polygon stands for a curve then.
+        """
+        b, presses = self.contact.boundary, self.states["sigma_n"][index] < 0
+        lines = [b.xy[b.chain == chain] for chain in np.unique(b.chain[presses])]
+        return not b.paired[presses].any() and all(map(is_straight, lines))
 
     def singular_places(self) -> tuple[str, ...]:
         """Names of the quantities whose values belong to places where they may be infinite.

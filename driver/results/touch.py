@@ -23,7 +23,7 @@ class Touch:
     nodes: int = 0  # that touch
     lone: float = 0.0  # part of the pressing force in areas of fewer than AREA nodes
     round: int = 0  # how many press, if some of them belong to a boundary whose normals vary
-    flat: bool = True  # all that press have one normal
+    straight: bool = False  # all that press belong to straight boundaries, and meet obstacles
     dragged: bool = False  # all that touch slide, and one way
     open: dict = None  # what nodes leave open by quantity
     pressure: np.ndarray = field(default_factory=lambda: np.zeros(0))  # of those that touch
@@ -44,8 +44,8 @@ class Touch:
 
     @classmethod
     def of(cls, nodes: dict, steps: dict, index: int, pressing_round: int,
-           flat: bool = True) -> "Touch":
-        """`nodes` and `steps` as of quantities.py; `pressing_round`, `flat` as above."""
+           straight: bool = False) -> "Touch":
+        """`nodes`, `steps` as of quantities.py; `pressing_round`: `round`, `straight` as above."""
         closed, pieces = steps["status"][index] != OPEN, chains(nodes)
         sliding = (steps["status"][index] == SLIP)[closed].all()
         sliding_at_all = (steps["status"][: index + 1] == SLIP).any()
@@ -63,7 +63,8 @@ class Touch:
         lengths = [float(np.diff(nodes["arc"][piece]).sum() + beyond_ends(nodes, piece).sum())
                    for piece in lines]
         return cls(
-            nodes=int(closed.sum()), lone=_lone(nodes, pressing), round=pressing_round, flat=flat,
+            nodes=int(closed.sum()), lone=_lone(nodes, pressing), round=pressing_round,
+            straight=straight,
             dragged=bool(sliding and one_way), open=between_nodes(nodes, steps, index),
             pressure=pressure[closed], length=length,
             ends=_at_ends(nodes, pieces, steps, index),
@@ -138,7 +139,8 @@ def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
     over all of it where the line through the last two pressures is below zero at its end.
     Where contact ends between two nodes the place is known to a part of the edge, and where
     pressure falls steeply towards an end of the boundary contact may end before it, by as much as
-    `_before_ends` says where it would be zero there but for the end node. The largest slip may be
+    `_before_ends` says where it would be zero there but for the end node. An area of a node or two
+    may reach over all of the edges beside it, or be a point. The largest slip may be
     elsewhere by as much as it differs from that of the next nodes that have touched. Slip and the
     place between two nodes where FEW nodes are in contact; where there are more by less in
     proportion, as meshes tell: of slip where more have slid, as it is zero wherever all stick. Of
@@ -147,7 +149,7 @@ def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
     """
     touching = steps["status"][: index + 1] != OPEN
     closed, edges, falls = touching[-1], [], []
-    clamped, early, apart = 0.0, 0.0, 0.0
+    clamped, early, apart, few = 0.0, 0.0, 0.0, 0.0
     sliding = steps["status"][: index + 1] == SLIP
     way = np.where(sliding, moves(steps)[: index + 1], 0.0).sum(axis=0)
     top = farthest_node(steps, index)
@@ -159,6 +161,7 @@ def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
                 clamped += _to_clamped(nodes, piece, closed[piece], pressure)
                 early += _before_ends(nodes, piece, closed[piece], pressure)
                 falls += _falls(nodes, piece, closed[piece], pressure)
+                few += _of_few(nodes, piece, closed[piece])
         near = piece[(np.abs(piece - top) <= 1) & touching[:, piece].any(axis=0)]
         if top in piece and len(near):
             apart = float(np.abs(way[near] - way[top]).max())
@@ -166,7 +169,7 @@ def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
     share = min(1.0, FEW / max(1, np.count_nonzero(closed)))
     ends = EDGE * float(np.hypot(share * np.linalg.norm(edges), np.linalg.norm(falls)))
     return {"peak_pressure": _standing_out(nodes, np.abs(steps["sigma_n"][index])),
-            "contact_length": max(clamped, early, ends), "slip": apart}
+            "contact_length": few + max(clamped, early, ends), "slip": apart}
 
 
 def of_arrivals(nodes: dict, steps: dict) -> float:
@@ -251,6 +254,15 @@ def _element_sides(nodes: dict, piece: np.ndarray) -> np.ndarray:
 def _ends(nodes: dict, piece: np.ndarray, closed: np.ndarray) -> list[float]:
     """Lengths of the element sides of a piece in which contact ends."""
     return [*_element_sides(nodes, piece)[closed[1:] != closed[:-1]]]
+
+
+def _of_few(nodes: dict, piece: np.ndarray, closed: np.ndarray) -> float:
+    """Length of the edges to the next nodes of areas of contact of fewer than AREA nodes."""
+    around = np.flatnonzero(np.diff(np.r_[False, closed, False]))  # firsts, and ends beyond lasts
+    side = np.diff(nodes["arc"][piece])
+    beside = [k for first, end in around.reshape(-1, 2) if end - first < AREA
+              for k in (first - 1, end - 1) if 0 <= k < len(side)]
+    return float(side[beside].sum()) if beside else 0.0
 
 
 def _falls(nodes: dict, piece: np.ndarray, closed: np.ndarray,

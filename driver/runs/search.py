@@ -24,8 +24,8 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
     root = comm.rank == 0
     settings = Settings(**{"uniqueness": "no", **request.settings})
     levels = Levels(Path(request.script), {**request.parameters, "sampling": str(trials.SAMPLING)},
-                    directory / "levels", comm, settings, without=request.without)
-    levels.watch = Watch(request.scene, request.quiet or not root, search=True)
+                    directory / "levels", comm, settings, without=request.without,
+                    watch=Watch(request.scene, request.quiet or not root, search=True))
 
     def say(line: str) -> None:
         if root and not request.quiet:

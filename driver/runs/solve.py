@@ -292,22 +292,19 @@ def _budget(errors: dict, directory: Path, request: Request, problem: Problem, w
     from ..estimates.prices import Measured
 
     settings = Settings(**{**request.settings, "uniqueness": "no"})
-    levels = Levels(Path(request.script), request.parameters, directory / "companions",
-                    writer.operator.comm, settings, [Path(place) for place in request.refined],
-                    request.without)
-    watch = Watch(request.scene, request.quiet or writer.operator.comm.rank > 0)
-    if writer.solver.cycles is not None:
-        levels.plan = writer.solver.cycles.past.plan
+    comm, cycles = writer.operator.comm, writer.solver.cycles
+    levels = Levels(Path(request.script), request.parameters, directory / "companions", comm,
+                    settings, [Path(place) for place in request.refined], request.without,
+                    cycles and cycles.past.plan,
+                    Watch(request.scene, request.quiet or comm.rank > 0))
     took, record = Measured.of(lap.seconds, problem.manifest), writer.record
     values, at = record.quantities()
     step = estimator.kept(at + 1)
     try:
-        sizes, said = adjoint.assess(problem, record, step, values, lambda: estimator.body)
-        companions = Companions(levels, problem, settings, record, sizes, errors["energy"],
-                                said.get("smoothed"), step)
-        levels.watch, companions.begins = watch, watch.stage
+        adjoints = adjoint.assess(problem, record, step, values, lambda: estimator.body)
+        companions = Companions(levels, problem, settings, record, adjoints, errors["energy"], step)
         parts = assess(errors, companions)
-        errors["adjoint"] = said
+        errors["adjoint"] = adjoints[1]
         errors["energy"] |= of_time(errors["quantities"], errors["energy"])
         errors["prices"] = price_list(companions, parts, errors["quantities"], request.quantity,
                                       took, idle, lambda: time.perf_counter() - lap.last)

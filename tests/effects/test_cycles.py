@@ -227,10 +227,11 @@ def test_a_history_is_as_long_as_its_cycles_that_are_computed(jumped, given):
     (1, 34), pytest.param(2, 17, marks=pytest.mark.slow)])
 def test_a_companion_is_announced_with_the_steps_of_all_its_cycles(exported, strip_scene, stride,
                                                                    steps):
-    levels, announced = Levels(strip_scene, {}, None, MPI.COMM_SELF, Settings()), []
+    announced = []
     problem = assemble(exported(strip_scene, cells=2, steps=10), MPI.COMM_SELF)
-    levels.watch = types.SimpleNamespace(begin=announced.append, end=lambda: None,
-                                         update=lambda: announced.append("step"))
+    watch = types.SimpleNamespace(begin=announced.append, end=lambda: None,
+                                  update=lambda: announced.append("step"))
+    levels = Levels(strip_scene, {}, None, MPI.COMM_SELF, Settings(), watch=watch)
     levels.problems[()] = problem
     levels.run(Settings(), stride, [0] * 4)
     assert announced == [steps, *["step"] * steps]

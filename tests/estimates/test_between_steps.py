@@ -300,3 +300,14 @@ def test_a_turn_that_all_companions_would_miss_is_claimed(solved, tmp_path):
     value, other = (run["quantities"]["tangential_resultant"] for run in (few, many))
     claim = few["errors"]["quantities"]["tangential_resultant"]["time"]
     assert 0.05 * abs(value) < abs(value - other) < claim
+
+
+def test_a_kink_or_a_jump_takes_other_steps_than_twice_as_many():
+    """A kink at a third of the time is at no end of 10, 20, 40, ... steps, but of 12; a jump at no
+    number that is looked at.
+    """
+    histories = {"even": lambda t: t, "kink": lambda t: min(3 * t, 1.0),
+                 "jump": lambda t: float(t > 0.477)}
+    found = {name: between_steps.more_steps(manifest(history, 10))
+             for name, history in histories.items()}
+    assert found == {"even": 20, "kink": 12, "jump": None}

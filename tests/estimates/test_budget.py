@@ -13,6 +13,7 @@ from driver.estimates import budget, unresolved
 from driver.estimates.adjoint import Sizes
 from driver.estimates.budget import name_of
 from driver.estimates.companions import Companions
+from driver.estimates.levels import Unwatched
 from driver.options import Settings
 from driver.results.touch import Touch
 from driver.runs.solve import NO_ESTIMATES
@@ -134,7 +135,7 @@ class Linear:
     FACTORS = {"rtol": 1.0, "primal_rtol": 30.0, "friction_rtol": 1000.0}
 
     def __init__(self):
-        self.problems, self.refined, self.plan = {}, (), None
+        self.problems, self.refined, self.plan, self.watch = {}, (), None, Unwatched()
 
     def problem(self, **_changes):
         """Any mesh can be had, and no load acts on its edges."""
@@ -166,7 +167,7 @@ def problem_of(manifest, effects):
     """A problem without subdomains."""
     return SimpleNamespace(manifest=manifest, effects=effects, operator=SimpleNamespace(
         comm=MPI.COMM_SELF, structure=SimpleNamespace(contact=SimpleNamespace(
-            motion_of_all_times=None))), structure=SimpleNamespace(
+            motion_of_all_times=None), rigid_modes=[])), structure=SimpleNamespace(
                 subdomains=[], outer_edges=np.zeros((0, 3), int),
                 travel=SimpleNamespace(bodies=SimpleNamespace(size=np.ones(1)))))
 
@@ -185,7 +186,7 @@ def test_each_tolerance_has_its_share(coulomb, name):
     record = SimpleNamespace(quantities=lambda: ({"displacement": levels.value(loose)}, 0),
                              singular_places=lambda: (), open_work=lambda: 0.0,
                              touch=lambda _index: Touch(open={}))
-    companions = Companions(levels, problem_of(manifest, effects), loose, record, {})
+    companions = Companions(levels, problem_of(manifest, effects), loose, record, ({}, {}))
     parts = companions.parts()
     error = sum(parts[source]["displacement"].error for source in ("friction", "solver")
                 if source in parts)
@@ -223,8 +224,8 @@ def test_a_mesh_that_does_not_resolve_the_solution_leaves_no_claims_of_contact(e
     record = SimpleNamespace(quantities=lambda: (values, 0), singular_places=lambda: (),
                              open_work=lambda: 0.0,
                              touch=lambda _index: touch)
-    parts, held = (Companions(levels, problem_of(manifest, effects), Settings(), record, sizes,
-                              energy).parts()["mesh"]
+    parts, held = (Companions(levels, problem_of(manifest, effects), Settings(), record,
+                              (sizes, {}), energy).parts()["mesh"]
                    for sizes in ({}, {"normal_resultant": Sizes(1e-3, 1.0, 1.0)}))
     assert held["displacement"].error > 0
     assert (parts["displacement"].error is not None) == known
@@ -348,7 +349,7 @@ def test_what_halves_elements_lowers_their_error(knob, size, cycles, expected):
     companions = SimpleNamespace(
         knob=knob, levels=SimpleNamespace(refined=cycles), jumps=None,
         effects=SimpleNamespace(quasistatic=True),
-        manifest=SimpleNamespace(parameters={knob: size}, steps=20),
+        manifest=SimpleNamespace(parameters={knob: size}, steps=20, between={}),
         settings=SimpleNamespace(rtol=1e-6, friction_rtol=1e-5, cycles=None))
     remedies = Companions.remedies(companions)
     assert remedies == {"mesh": expected, "time": "STEPS=40", "friction": "FRICTION_RTOL=1e-06",
@@ -505,3 +506,11 @@ def test_two_levels_err_as_their_order_says(ratio, pair):
     found = part(3.0 + 0.7 * h**pair, (ratio,), pair=pair)
     assert found.error == pytest.approx(budget.PAIR * 0.7 * 0.1**pair)
     assert found.order is None
+
+
+@pytest.mark.parametrize("changes, known", [
+    ([0.1, 0.2], True), ([0.1, -0.2], True), ([0.1, 0.1], False), ([0.2, -0.1], False),
+    ([0.1], True)])
+def test_errors_fall_where_changes_do(changes, known):
+    """Two runs alone are taken at their word."""
+    assert budget.falls(budget.extrapolate(changes, [2.0, 2.0], 2.0, 1.0, True)) == known

@@ -129,6 +129,9 @@ def test_chords_of_a_round_boundary_are_of_second_order():
     chords = Caution.of(problem(0.3, "P2"), round_, {})
     assert chords.chords and not Caution.of(problem(0.3, "P2", declared), round_, {}).chords
     assert not Caution.of(problem(0.3), round_, {}).chords
+    # a round obstacle on a straight boundary, which has no chords
+    straight = Touch(round=9, straight=True, open={})
+    assert not Caution.of(problem(0.3, "P2"), straight, {}).chords
     values, small = {"displacement": power(2.5)}, {"displacement": Sizes(1e-9, 6e-4, 3e-4)}
     free = of(values, element="P2", sizes=small)["displacement"].error
     error = of(values, element="P2", sizes=small, chords=True)["displacement"].error
@@ -189,7 +192,7 @@ def test_two_meshes_alone_say_nothing_of_shear():
     values = {"tangential_resultant": [2.0, 2.1], "slip": [0.0, 0.0],
               "normal_resultant": [6.0, 6.1]}
     alone = of(values)["tangential_resultant"]
-    assert alone.error is None and alone.note == caution.LONE
+    assert alone.error is None and alone.note == caution.OF_TWO
     held = {"tangential_resultant": Sizes(1e-9, 1.0, 1.0)}
     assert of(values, sizes=held)["tangential_resultant"].error > 0
     values["tangential_resultant"] = [2.0, 2.00001]
@@ -348,6 +351,15 @@ def test_resultants_that_loads_give_are_known_by_their_mesh():
     assert caution.by_balance({"displacement": 1.0}, {}) == set()
 
 
+def test_what_loads_give_wherever_contact_is_errs_by_what_they_err():
+    """Polygons by the second order; neither the place of contact nor stresses have a part in it."""
+    values = {"normal_resultant": [1.0, 1.0 - 0.03]}
+    rough = {"touch": Touch(lone=1.0, open={}), "energy": 0.4, "stiff": 2.0, "element": "P1"}
+    loose, given = (of(values, **rough, given=names)["normal_resultant"].error
+                    for names in (frozenset(), frozenset(values)))
+    assert given == pytest.approx(PAIR * 0.03 / 3) and loose > 3 * given
+
+
 @pytest.mark.parametrize("order, told", [(caution.NO_ORDER - 0.02, False),
                                          (caution.NO_ORDER + 0.02, True)])
 def test_an_order_too_slow_to_be_one_leaves_the_adjoint_problem_alone(order, told):
@@ -408,6 +420,17 @@ def test_adjoint_problems_of_the_last_state_limit_no_error_of_earlier_ones(value
     assert earlier["normal_resultant"] == last["normal_resultant"]
     large = dict.fromkeys(names, Sizes(2.0, 3.0, 1.0))
     assert of(values, sizes=large, touch=Touch(earlier=True, open={}))["slip"].error >= 3.0
+
+
+@pytest.mark.parametrize("lone, meshes", [(0.09, False), (0.11, True)])
+def test_adjoint_problems_whose_contact_is_a_node_limit_no_error_of_its_place(lone, meshes):
+    """The force acts at that node in them as well; two meshes of quadratic elements then have the
+    first order.
+    """
+    change = 0.02
+    part = of({"displacement": [1.0, 1.0 - change]}, touch=Touch(lone=lone, open={}), element="P2",
+              sizes={"displacement": Sizes(1e-4, 2e-3, 1e-3)})["displacement"]
+    assert part.error == pytest.approx(PAIR * change if meshes else 2e-3)
 
 
 @pytest.mark.parametrize("pressing, error", [(1, 0.02), (2, 0.02), (3, 0.0), (0, 0.0)])

@@ -232,7 +232,8 @@ def test_what_lowers_each_part_is_said():
     of.levels, of.effects = SimpleNamespace(refined=()), SimpleNamespace(quasistatic=True)
     for knob, size, words in (("h", 0.5, "H=0.25"), ("cells", 6, "CELLS=12"),
                               ("remesh", 1.0, "REMESH=0.5")):
-        of.knob, of.manifest = knob, SimpleNamespace(steps=5, parameters={knob: size})
+        of.knob, of.manifest = knob, SimpleNamespace(steps=5, parameters={knob: size},
+                                                between={})
         assert of.remedies() == {"mesh": words, "time": "STEPS=10", "friction":
                                  "FRICTION_RTOL=1e-05", "solver": "RTOL=1e-07"}
     of.levels.refined = (1, 2)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from driver.estimates.free_peak import Peaks, exceeding
+from driver.estimates.budget import Part
+from driver.estimates.free_peak import Peaks, exceeded, exceeding
 
 # a sleeve with a flange, shrunk on a rigid shaft, warm, and pressed along the axis
 HUB = """include "scene.idp"
@@ -51,7 +52,7 @@ def body_of(parts: list[dict], placed=(), held=()):
     for part in parts:
         gid = np.array([*part])
         edges = np.column_stack([np.arange(len(gid) - 1), np.arange(1, len(gid))])
-        subs.append(SimpleNamespace(node_gid=gid, elements=edges,
+        subs.append(SimpleNamespace(node_gid=gid, elements=edges, edges=edges,
                                     xy=np.column_stack([gid, 0 * gid]),
                                     dof_node=np.repeat(np.arange(len(gid)), 2)))
         fields.append(np.column_stack([0 * gid, [*part.values()]]).ravel())
@@ -78,6 +79,27 @@ def test_a_peak_is_what_no_neighbour_exceeds_on_either_side_of_an_interface():
     # of an interface that is exceeded in the other subdomain
     assert peaks([rising, {2: 3.0, 3: 4.0}], [3]) == []
     assert peaks([rising], held=[2]) == []
+
+
+@pytest.mark.parametrize("parts, more", [
+    ([{0: 2.9, 1: 3.0, 2: 2.98}], 0.04**2 / (4 * 0.06)), ([{0: 2.9, 1: 3.0, 2: 2.9}], 0.0),
+    ([{0: 2.9, 1: 3.0}, {1: 3.0, 2: 2.98}], 0.04**2 / (4 * 0.06)), ([{0: 3.0, 1: 2.9}], 0.0)])
+def test_the_largest_displacement_lies_between_nodes_of_the_outline(parts, more):
+    """By the parabola through three of them, across subdomains; not where a support prescribes it,
+    nor at the end of a smooth piece.
+    """
+    found = Peaks.of(body_of(parts), STEP, 3.0)
+    assert found.between == pytest.approx(more)
+    assert Peaks.of(body_of(parts, held=[1]), STEP, 3.0).between == 0.0
+    far = mesh((9.0, 3.0))
+    added = exceeded(Part(0.1), 3.0, [(found, far)], [2.0], 1.0).error - 0.1
+    assert added == pytest.approx(more, abs=1e-12)
+
+
+def test_at_a_corner_the_largest_displacement_is_that_of_the_corner():
+    body = body_of([{0: 2.9, 1: 3.0, 2: 2.98}])
+    body.structure.subdomains[0].xy[2] = 1.0, 1.0
+    assert Peaks.of(body, STEP, 3.0).between == 0.0
 
 
 @pytest.mark.parametrize("beside, by_support",

@@ -95,7 +95,9 @@ def test_the_error_in_the_energy_norm_in_words():
      "the error of the normal resultant from mesh and time step is not known")])
 def test_advice_is_of_the_largest_part(parts, words):
     remedies = {"mesh": "H=1", "time": "STEPS=9"}
-    assert budget_words.advice({"displacement": {}, "normal_resultant": parts}, remedies) == words
+    both = {"displacement": {}, "normal_resultant": parts}
+    assert budget_words.advice(both, remedies) == words
+    assert budget_words.advice(both, remedies, {"time"}) == words.replace("9 would", "9 may")
 
 
 # ------------------------------------------------------------------------------ energy

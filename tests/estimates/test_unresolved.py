@@ -9,9 +9,10 @@ import pytest
 
 from driver.contact.states import OPEN, STICK
 from driver.errors import NotConverged
-from driver.estimates import successive, unresolved
+from driver.estimates import mesh_part, successive, unresolved
 from driver.estimates.budget import OF_TIME, Part
 from driver.estimates.budget_words import share
+from driver.estimates.given import Given
 from driver.results.touch import Touch
 from driver.runs import search, trials
 
@@ -68,19 +69,6 @@ def test_a_body_that_is_resolved_has_displacements_however_few_nodes_touch(touch
     assert ("displacement" not in found) == known and "slip" in found
     assert ("the body or what it meets is round: take a finer mesh" in found["slip"].note) == bool(
         touch.round)
-
-
-@pytest.mark.parametrize("flat, stays", [(True, True), (False, False)])
-def test_resultants_that_loads_give_are_claimed_whatever_the_mesh(flat, stays):
-    """Where nothing but one normal carries them: else friction has a part in the balance."""
-    exact = {name: Part(1e-7) for name in VALUES} | {"slip": Part(0.01)}
-    unknown = dict.fromkeys(("normal_resultant", "slip"), Part(None))
-    found = unresolved.known(exact, unknown, VALUES, Touch(1, 1.0, flat=flat, open={}))
-    assert (found["normal_resultant"].error is not None) == stays
-    assert found["slip"].error is None and found["displacement"].error == 1e-7
-    rough = exact | {"normal_resultant": Part(1.0)}
-    found = unresolved.known(rough, unknown, VALUES, Touch(1, 1.0, open={}))
-    assert found["normal_resultant"].error is None
 
 
 def test_errors_of_the_step_that_quantities_belong_to_count():
@@ -199,24 +187,26 @@ def searched(monkeypatch):
     """
     def parts(error: float, energy: dict, **more) -> tuple[dict, list]:
         touch = touch_of([3, 4, 5, 5, 4, 3, 2, 0, 0])
-        level = SimpleNamespace(touch=touch, values=VALUES, record=None, steps=3 * [None], at=1,
-                                declared=3, singular=(), energy=None)
+        record = SimpleNamespace(quantities=lambda: (VALUES, 1), touch=lambda _: touch,
+                                 singular_places=lambda: ())
+        level = SimpleNamespace(touch=touch, values=VALUES, record=record, steps=3 * [None], at=1,
+                                declared=3, energy=None)
         manifest = SimpleNamespace(element="P1")
         problems = [SimpleNamespace(manifest=manifest, operator=None, lost=part)
                     for part in (0.02, 0.05)]
         given, said = [], {}
         caution = SimpleNamespace(
             parts=lambda *of: given.append(of) or dict.fromkeys(VALUES, Part(error)),
-            beside=lambda part, *of: given.append(of) or part)
+            beside=lambda part, *of: given.append(of) or part, adapted=False)
         for owner, name, answer in (
                 (successive, "of_level", energy), (successive.Peaks, "of_level", None),
-                (successive, "stand_for_curves", False)):
+                (mesh_part, "stand_for_curves", False), (mesh_part, "by_loads", Given())):
             monkeypatch.setattr(owner, name, lambda *_, answer=answer, **__: answer)
         monkeypatch.setattr(successive.adjoint, "assess", lambda *of: said.update(
             adjoint=of[3]) or ({"normal_resultant": 1.0}, {"smoothed": 0.01}))
-        monkeypatch.setattr(successive.Caution, "of",
-                            lambda *_, **more: said.update(more) or caution)
-        monkeypatch.setattr(successive.soundness, "lost", lambda problem: problem.lost)
+        monkeypatch.setattr(mesh_part.Caution, "of",
+                            lambda *of: said.update(seen=of[6]) or caution)
+        monkeypatch.setattr(mesh_part.soundness, "lost", lambda problem: problem.lost)
         found = successive.mesh_parts(problems, [level, level], [2.0], "normal_resultant",
                                       "bound", **more)
         assert level.energy is energy  # for the next time that it is asked for

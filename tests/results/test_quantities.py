@@ -843,3 +843,28 @@ def test_a_peak_at_the_end_of_a_period_is_that_of_the_boundary_that_goes_on(forw
     pieces = [np.arange(3), np.arange(3, 5)]
     pressure = np.where(np.abs(s[order]) < 1, 1.0 - (s[order] - 0.05) ** 2, 0.3)
     assert q.largest_pressure(nodes, pieces, pressure) == pytest.approx(1.0, rel=1e-12)
+
+
+@pytest.mark.parametrize("bow, paired, straight", [(0.0, False, True), (1e-3, False, False),
+                                                   (0.0, True, False)])
+def test_a_round_obstacle_on_a_straight_boundary_makes_no_polygon_of_it(bow, paired, straight):
+    """Whatever the directions of contact are, which are the obstacle's; of another body the sides
+    may be chords.
+    """
+    x = np.array([0.0, 1.0, 2.0, 0.0, 1.0, 2.0])
+    y = np.where(np.arange(6) < 3, 0.3 * x, 5.0 + x**2) + bow * (x == 1.0)
+    of = object.__new__(Record)
+    of.contact = SimpleNamespace(boundary=SimpleNamespace(
+        xy=np.column_stack([x, y]), chain=np.array([0, 0, 0, 1, 1, 1]), paired=np.full(6, paired)))
+    of.states = {"sigma_n": [np.array([-1, -2, 0, 0, 0, 0.0]), np.array([-1, 0, 0, -1, 0, 0.0])]}
+    assert of._on_straight_sides(0) == straight and not of._on_straight_sides(1)
+
+
+@pytest.mark.parametrize("closed, sides", [
+    ([1, 1, 1, 1, 0, 0, 0, 0, 1], 1.6), ([1, 1, 1, 1, 0, 0, 1, 1, 0], 3.0), ([1] * 9, 0.0),
+    ([0, 1, 0, 1, 1, 1, 0, 0, 0], 1.1 + 1.0), ([0, 0, 0, 1, 1, 1, 0, 0, 0], 0.0)])
+def test_an_area_of_a_node_or_two_may_reach_over_the_sides_beside_it(closed, sides):
+    """Beside an area that is resolved, whose ends its nodes locate."""
+    arc = np.r_[0.0, np.cumsum([1.0, 1.1, 1.2, 1.3, 1.35, 1.4, 1.5, 1.6])]
+    nodes = {"arc": arc, "middle": np.zeros(9, bool)}
+    assert touch._of_few(nodes, np.arange(9), np.array(closed, bool)) == pytest.approx(sides)

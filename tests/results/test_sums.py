@@ -201,6 +201,19 @@ def test_slip_is_that_of_the_last_state_unless_it_turned_or_contact_was_unloaded
     assert quantities.made_under_load(nodes, steps, 0)
 
 
+def test_slip_that_has_come_to_rest_is_not_that_of_the_last_state():
+    """A node that sticks keeps the errors of the steps in which it slid: its adjoint problem holds
+    it where it is.
+    """
+    nodes = {"weight": np.full(2, 0.5)}
+    steps = {"status": np.array([[SLIP, STICK], [STICK, SLIP]]),
+             "slip": np.array([[2.0, 0.0], [0.0, 1.0]]), "sigma_n": np.full((2, 2), -1.0)}
+    assert not quantities.made_under_load(nodes, steps, 1)
+    assert quantities.made_under_load(nodes, steps, 0)
+    steps["slip"][1, 1] = 3.0  # farther than the one that rests
+    assert quantities.made_under_load(nodes, steps, 1)
+
+
 def test_where_the_peak_and_the_farthest_node_are():
     """Neighbours of the peak belong to it while they touch; slip counts in contact, up to a step.
     """
