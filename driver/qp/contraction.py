@@ -3,8 +3,9 @@
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, lapack
 
-from .coulomb import SINGULAR, CoulombProblem
+from .coulomb import CoulombProblem
 from .equations import Equations
+from .state_system import SINGULAR
 
 
 def contraction(problem: CoulombProblem, z: np.ndarray, rounds: int) -> float:

@@ -13,8 +13,9 @@ Digits are those of M: Newton's method takes its steps by it and ends with facto
 import numpy as np
 from scipy.linalg import lapack
 
-from .coulomb import CoulombProblem, StateSystem
+from .coulomb import CoulombProblem
 from .equations import Equations
+from .state_system import StateSystem
 
 FEW = 0.25  # part of the unknowns that rows may be for updates to pay
 LEAST = 1e-8  # pivot of M'_D W, of which rows without change have 1, below which factors are new

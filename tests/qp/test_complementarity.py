@@ -16,9 +16,10 @@ from driver.qp import complementarity, one_solution, pivots
 from driver.qp.complementarity import (
     all_solutions, approached, index, lemke, newton, search, settled)
 from driver.contact.states import OPEN, STICK
-from driver.qp.coulomb import BACKWARD, FORWARD, CoulombProblem, StateSystem
+from driver.qp.coulomb import BACKWARD, FORWARD, CoulombProblem
 from driver.qp.nearby import Nearby
 from driver.qp.one_solution import only_solution
+from driver.qp.state_system import StateSystem
 
 SEEDS = 20
 

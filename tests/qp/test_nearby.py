@@ -8,9 +8,10 @@ import pytest
 from test_complementarity import halfspace, random_problem
 
 from driver.contact.states import STICK
-from driver.qp.coulomb import FORWARD, CoulombProblem, StateSystem
+from driver.qp.coulomb import FORWARD, CoulombProblem
 from driver.qp.nearby import FEW, Nearby, nearly_in
 from driver.qp.one_solution import only_solution
+from driver.qp.state_system import StateSystem
 
 NODES = 40
 
