@@ -160,7 +160,7 @@ class _Fields:
         if structure.yields:  # B u = c - gradient + what the asperities yield
             own = structure.compliance_of(structure.row_range[0] + rows.normal)
             values[0, rows.normal_node] += own * step.multipliers[rows.normal]
-        values[1, rows.tangential_node] = -step.gradient[rows.tangential]
+        values[1, rows.tangential_node] = 0.0 - step.gradient[rows.tangential]
         values[2, rows.normal_node] = step.multipliers[rows.normal]
         values[3, rows.tangential_node] = step.multipliers[rows.tangential]
         values[4, rows.tangential_node] = step.friction_bound
