@@ -18,6 +18,7 @@ from ..results.quantities import largest_pressure, resultant
 from ..results.record import Record
 from ..results.shares import label_shares
 from ..results.tables import shown
+from ..text import counted
 
 
 class Prescribed(NamedTuple):
@@ -99,9 +100,22 @@ def solve(problem, settings: Settings, near: np.ndarray | None,
            "uniqueness": solver.uniqueness.verdict, **_cycles(solver)}
     row.pop("step", None)
     row.pop("time", None)
-    warnings = [*ended.warnings, *ended.fallbacks.warnings(), *solver.uniqueness.warnings()]
+    warnings = [*ended.warnings, *ended.fallbacks.warnings(), *solver.uniqueness.warnings(),
+                *([] if follows else _half_held(solver, contact, prescribed))]
     status, reason = (failure.exit_status, str(failure)) if failure else (0, "")
     return Outcome(status, reason, row, history, fields, warnings), first
+
+
+def _half_held(solver, contact, prescribed: Prescribed) -> list[str]:
+    """A line if supports hold nodes in one direction of a slanted boundary: rows do not tell how
+    these slide.
+    """
+    count = np.count_nonzero(without_row(contact) & ~prescribed.held)
+    if not (solver.effects.frictional and count):
+        return []
+    return [f"a support holds {counted(count, 'contact node')} of a slanted boundary in one "
+            "direction: runs alone tell u_t and slip there, which are wrong here, and largest_slip "
+            "may be"]
 
 
 def _cycles(solver) -> dict:
