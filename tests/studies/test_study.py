@@ -647,6 +647,19 @@ def test_the_user_waits_for_all_that_is_printed(tmp_path, monkeypatch, capsys):
     assert (out / "report.html").exists()
 
 
+def test_tables_stand_without_figures_and_page(tmp_path, monkeypatch, capsys):
+    def fails(_folder):
+        raise ValueError("no such color")
+
+    for drawn in ("driver.figures.study.draw", "driver.report.study.write"):
+        monkeypatch.setattr(drawn, fails)
+    out = tmp_path / "study"
+    cli.study(["SCENE=model", "CELLS=2", "STEPS=1", "FRICTION=0.1,0.2", f"OUT={out}", "QUIET=yes"])
+    said = capsys.readouterr().err
+    assert "'make figures' draws them" in said and "'make report' writes it" in said
+    assert len(read_rows(out / "study.csv")) == 2
+
+
 def test_friction_takes_the_work_that_it_takes_in_single_runs(made, named_scene):
     """F p L s, under a load that stands from time 0, beside an obstacle that moves."""
     _, files = made(scene=str(named_scene("rubbed", RUBBED)), friction="0.2,0.3", steps="3")
