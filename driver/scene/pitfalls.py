@@ -2,8 +2,8 @@
 
 One = in place of two, a < b < c, label == 3 || 4, an integer for a parameter that has decimals,
 an option for one of two names that capitals alone tell apart, x in a history, a load's integral
-over a mesh of the scene, a number's over that of a subdomain, no for what any content declares: what is declared would have other values
-than those that were meant.
+over a mesh of the scene, a number's over that of a subdomain, no for what any content declares:
+what is declared would have other values than those that were meant.
 """
 
 import re

@@ -79,7 +79,9 @@ def make_study(pairs: dict[str, str], since: float | None = None) -> tuple[dict,
 
 
 def _complete(run: Run, work: Path, since: float) -> None:
-    """Figures and page, without which the tables stand as well; the user has waited `since`, a time.perf_counter()."""
+    """Figures and page, without which the tables stand as well; the user has waited `since`, a
+    time.perf_counter().
+    """
     from ..report.study import write
 
     if run.figures:
