@@ -114,7 +114,7 @@ def _between(operator, sizes: list[np.ndarray]) -> float:
     found, held = [np.empty((0, 4))], False
     for sub, fixed, size in zip(structure.subdomains, structure.fixed, sizes):
         held |= bool((sub.node_gid[sub.dof_node[fixed]] == top).any())
-        ends = _outline(sub)
+        ends = _outline(sub, structure.outer_edges[:, :2])
         beside = ends[(sub.node_gid[ends] == top).any(axis=1)]
         found += [np.column_stack([sub.node_gid[pair], sub.xy[pair], size[pair]])
                   for pair in beside]
@@ -130,12 +130,21 @@ def _between(operator, sizes: list[np.ndarray]) -> float:
     return _above((others[0, 3], largest, others[1, 3]), sides)
 
 
-def _outline(sub) -> np.ndarray:
-    """(k, 2) nodes of a Subdomain that are next to each other on its boundary."""
+def _outline(sub, outer: np.ndarray) -> np.ndarray:
+    """(k, 2) nodes of a Subdomain that are next to each other on the boundary of the body, whose
+    edges end at the `outer` (n, 2) vertices; those between subdomains are none of it.
+    """
+    edges = sub.edges[np.isin(_keys(sub.node_gid[sub.edges]), _keys(outer))]
     if sub.elements.shape[1] < 6:  # linear elements
-        return sub.edges
-    middle = sub.middles(sub.edges)
-    return np.concatenate([np.column_stack([end, middle]) for end in sub.edges.T])
+        return edges
+    middle = sub.middles(edges)
+    return np.concatenate([np.column_stack([end, middle]) for end in edges.T])
+
+
+def _keys(pairs: np.ndarray) -> np.ndarray:
+    """(n,) a number for each of the unordered `pairs` (n, 2) of global numbers."""
+    low, high = np.sort(pairs.astype(np.int64), axis=1).T
+    return (low << 32) + high
 
 
 def _above(sizes: tuple, sides: tuple) -> float:

@@ -20,9 +20,11 @@ INSIDE = 1e-2  # of the largest displacement: depth of a clamped place inside wh
 
 
 def is_straight(places: np.ndarray) -> bool:
-    """Whether `places` (n, 2) lie on a line."""
+    """Whether `places` (n, 2) lie on a line; fewer than three do not tell."""
+    if len(places) < 3:
+        return False
     along, across = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)[:2]
-    return len(places) > 2 and bool(across <= ROUND * along)
+    return bool(across <= ROUND * along)
 
 
 class Record:

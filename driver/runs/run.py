@@ -29,6 +29,7 @@ from .workspace import Workspace, unconverged
 
 
 NO_FIGURES = ("the figures could not be drawn: {}; 'make figures' draws them from the results")
+NO_PAGE = "report.html could not be written: {}; 'make report' writes it from the results"
 
 
 @dataclasses.dataclass
@@ -206,14 +207,13 @@ def _complete(run: Run, work: Path, cycles: list[Path], since: float) -> None:
     clock = time.perf_counter()
     drawn = "figures" in json.loads((work / "summary.json").read_text())["seconds"]
     if run.figures and not drawn:
-        _try(lambda: drawing.draw(work), work)
+        attempt(lambda: drawing.draw(work), work)
     if run.animate:
         _animate(work)
     if run.figures or run.animate:
         seconds.count(work, "figures", time.perf_counter() - clock)
     seconds.count_rest(work, since)
-    _try(lambda: _report(work), work, "report.html could not be written: {}; 'make report' "
-         "writes it from the results")
+    attempt(lambda: _report(work), work, NO_PAGE)
     (work / "export" / "freefem.log").rename(work / "freefem.log")
     for folder in ("export", "companions"):  # the latter if a rank has died over the estimates
         shutil.rmtree(work / folder, ignore_errors=True)
@@ -226,7 +226,7 @@ def _animate(work: Path) -> None:
 
         draw_animation(work)
 
-    _try(draw, work)
+    attempt(draw, work)
 
 
 def _report(work: Path) -> None:
@@ -236,7 +236,7 @@ def _report(work: Path) -> None:
     page.write(work)
 
 
-def _try(make, work: Path, failed: str = NO_FIGURES) -> None:
+def attempt(make, work: Path, failed: str = NO_FIGURES) -> None:
     """Make what the results can do without; where it fails a line says so, the log has more."""
     try:
         make()

@@ -2,8 +2,8 @@
 
 One = in place of two, a < b < c, label == 3 || 4, an integer for a parameter that has decimals,
 an option for one of two names that capitals alone tell apart, x in a history, a load's integral
-over a mesh of the scene, no for what any content declares: what is declared would have other values
-than those that were meant.
+over a mesh of the scene, a number's over that of a subdomain, no for what any content declares:
+what is declared would have other values than those that were meant.
 """
 
 import re
@@ -25,7 +25,8 @@ INTEGRAL = re.compile(r"(?<![.\w])int(?:1d|2d|alledges)(?=\s*\()")  # the same e
 OFF = {"no", "off", "false", "0", "0."}  # of what is declared by any content
 LOAD = re.compile(r"load\d")
 # what traction and pressure are: over a boundary of each subdomain, which are all called Ti
-OF_SUBDOMAINS = re.compile(r"int1d\(Ti,(?!qf)")
+OF_SUBDOMAINS, OVER_PARTS = re.compile(r"int1d\(Ti,(?!qf)"), re.compile(r"int\w+\(Ti\b")
+TESTED = {"v1", "v2"}  # the test functions
 NUMBER = re.compile(r"[-+]?[\d.]+")
 # a value by itself, which no factor makes whole
 INTEGER = re.compile(r'\bint\s+(?:[^;()]*,\s*)?(\w+)\s*=\s*physical\s*\(\s*"([^"]*)"\s*,([^()]*)\)'
@@ -51,8 +52,8 @@ def check(scene: Path, parameters: dict[str, str]) -> None:
         reason = _mistake(macro.content) if macro.name in named else ""
         if macro.name in switches and code_of(macro.content).lower() in OFF:
             reason = "holds whatever its content, also this one: leave it out if it is not meant"
-        if macro.name in loads:
-            reason = reason or _own_integral(code_of(macro.content))
+        if macro.name in named:
+            reason = reason or _own_integral(macro, macros, macro.name in loads)
         if macro.name in placeless:
             reason = reason or _misplaced(own)
         if reason:
@@ -131,19 +132,27 @@ def _misplaced(macro: grammar.Definition) -> str:
             "into the load or the coefficient itself")
 
 
-def _own_integral(code: str) -> str:
-    """What is wrong with a load's integrals of the test functions; of numbers any will do.
+def _own_integral(macro: grammar.Definition, macros: list, load: bool) -> str:
+    """What is wrong with the integrals of a macro, a load's of the test functions or of numbers.
 
-    Every subdomain assembles the load: an integral over a mesh of the scene counts in each of them,
-    one over the sides or the inside of each in some of them alone.
+    Every subdomain assembles loads: an integral over a mesh of the scene counts in each of them,
+    one over the sides or the inside of each in some of them alone, and a number that is one over Ti
+    is that of its part. What an argument brings is not known here.
     """
+    code, own = code_of(macro.content), set(re.findall(r"\w+", macro.arguments or ""))
     for found in INTEGRAL.finditer(code):
         integral = code[found.start() : _end_of_integral(code, found.end())]
         where, _, what = integral.partition(")(")
-        if re.search(r"\bv[12]\b", what) and not OF_SUBDOMAINS.match(where):
+        words = frozenset(re.findall(r"\w+", what))
+        tested = TESTED & declaring(macros, words)
+        if load and tested and not OF_SUBDOMAINS.match(where):
             return (f"has the integral {where})(...), which would depend on the subdomains: write "
                     "traction(label, px, py) or pressure(label, p), and forces per volume as  "
                     "macro bodyForce1() [fx, fy] //")
+        if OVER_PARTS.match(where) and not (tested or words & own):
+            return (f"has the number {where})(...), which every subdomain would take over its own "
+                    "part: write its value, or take it over a mesh of the scene, as in  "
+                    "real size = int1d(body, 3)(1.);")
     return ""
 
 

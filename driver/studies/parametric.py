@@ -4,6 +4,7 @@ import dataclasses
 from pathlib import Path
 
 import numpy as np
+from mpi4py import MPI
 
 from ..contact.nodes import contact_table, merge_parts
 from ..effects import Effects
@@ -12,9 +13,10 @@ from ..feti.compliance import ContactCompliance
 from ..files import write_json
 from ..march.problem import assemble
 from ..options import Settings
+from ..runs import launch
 from ..runs.request import Request
 from ..scene.manifest import Manifest, read_manifest
-from ..scene.study_value import read_value
+from ..scene.study_value import Value, read_value
 from ..timing import Laps
 from . import outcomes as outcomes_files
 from . import value_chains, value_run
@@ -39,16 +41,14 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
     if "jump" in settings.cycles:
         raise InputError("a study goes through all cycles: make single runs with CYCLES=\"jump\"")
     values = _values(directory, request, manifest, comm)
-    loads = LoadValues(request.study, [value for _, value in values], comm)
-    problem = assemble(directory / "export", comm, lap, loads.widen)
+    problem, loads = _problem(directory / "export", request.study,
+                              [value for _, value in values], comm, lap)
     structure, operator = problem.structure, problem.operator
     values = [(loads.history(k, own, problem.manifest), value)
               for k, (own, value) in enumerate(values)]
     lap("setup")
     prescribed = value_run.Prescribed.of(problem, settings)
-    rows = len(structure.at_contact.row)
-    follows = structure.contact.following is not None
-    condensed = rows <= LARGEST and not structure.rigid_modes and not follows
+    condensed = _condenses(structure)
     if condensed:
         try:
             operator = ContactCompliance(operator)
@@ -56,7 +56,8 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
             condensed = False
     lap("condense")
     problem = dataclasses.replace(problem, operator=operator)
-    outcomes = _outcomes(problem, settings, values, request, (condensed, prescribed), comm)
+    apart = condensed or problem.operator.comm.size < comm.size
+    outcomes = _outcomes(problem, settings, values, request, (apart, prescribed), comm)
     lap("solve")
     failed = [k for k, outcome in enumerate(outcomes) if outcome.status]
     status = max((outcome.status for outcome in outcomes), default=0)
@@ -72,13 +73,38 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
         parameters = {n: v for n, v in manifest.parameters.items() if n != request.study}
         warnings = _grouped(name, request.values, outcomes)
         summary = {"scene": request.scene, "study": request.study, "values": len(outcomes),
-                   "converged": not failed, "reason": reason, "contact_rows": rows,
+                   "converged": not failed, "reason": reason,
+                   "contact_rows": len(structure.at_contact.row),
                    "condensed": condensed, "warnings": warnings,
                    "counts": {"dual_multiplications": products}, "seconds": seconds,
                    "ranks": comm.size, "units": manifest.units,
                    "parameters": {**parameters, **dataclasses.asdict(settings)}}
         write_json(directory / "summary.json", summary)
     return status, reason
+
+
+def _problem(export: Path, name: str, values: list[Value], comm, lap) -> tuple:
+    """The Problem of all `values` of a parameter, and its LoadValues; collective over `comm`.
+
+    Ranks share the body, or have each the whole of it: where it is not condensed, and too small to
+    pay for as many, it takes values one after the other sooner than in common.
+    """
+    def on(ranks, lap=lambda stage: None):
+        loads = LoadValues(name, values, ranks)
+        return assemble(export, ranks, lap, loads.widen), loads
+
+    problem, loads = on(comm, lap)
+    paid = comm.bcast(launch.ranks_for(problem.manifest))
+    structure = problem.structure
+    if comm.size > paid and structure.contact.following is None and not _condenses(structure):
+        problem, loads = on(MPI.COMM_SELF)
+    return problem, loads
+
+
+def _condenses(structure) -> bool:
+    """Whether a body is condensed to its contact boundary: as far as that pays and can be done."""
+    return (len(structure.at_contact.row) <= LARGEST and not structure.rigid_modes
+            and structure.contact.following is None)
 
 
 def _values(directory: Path, request: Request, base: Manifest, comm) -> list:

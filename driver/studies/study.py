@@ -26,7 +26,7 @@ from ..options import RESULTS
 from ..runs import hosts, launch
 from ..runs import seconds as stages
 from ..runs.request import Request
-from ..runs.run import Run, solve
+from ..runs.run import NO_PAGE, Run, attempt, solve
 from ..runs.workspace import Workspace
 from ..scene import freefem
 from ..scene.manifest import Manifest
@@ -79,16 +79,18 @@ def make_study(pairs: dict[str, str], since: float | None = None) -> tuple[dict,
 
 
 def _complete(run: Run, work: Path, since: float) -> None:
-    """Figures and page; the user has waited `since`, a time.perf_counter()."""
+    """Figures and page, without which the tables stand as well; the user has waited `since`, a
+    time.perf_counter().
+    """
     from ..report.study import write
 
     if run.figures:
         from ..figures.study import draw
 
         clock = time.perf_counter()
-        draw(work)
+        attempt(lambda: draw(work), work)
         stages.count(work, "figures", time.perf_counter() - clock)
-    write(work)
+    attempt(lambda: write(work), work, NO_PAGE)
     stages.count_rest(work, since)
 
 

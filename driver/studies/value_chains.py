@@ -20,8 +20,9 @@ def length(count: int) -> int:
 def ranks_for(export: Manifest, count: int) -> int:
     """The ranks that solve `count` values on an `export` where nobody asked for a number.
 
-    Condensed to its contact boundary a body is any rank's own, and chains are shared out; contact
-    that follows the motion is not condensed, and ranks share the subdomains as in a run.
+    Condensed to its contact boundary a body is any rank's own, as a small one is that cannot be
+    condensed (parametric.py), and chains are shared out; where contact follows the motion ranks
+    share the subdomains as in a run.
     """
     shared = launch.ranks_for(export)
     if "large_sliding" in export.rooms:

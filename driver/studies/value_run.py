@@ -18,6 +18,7 @@ from ..results.quantities import largest_pressure, resultant
 from ..results.record import Record
 from ..results.shares import label_shares
 from ..results.tables import shown
+from ..text import counted
 
 
 class Prescribed(NamedTuple):
@@ -99,9 +100,22 @@ def solve(problem, settings: Settings, near: np.ndarray | None,
            "uniqueness": solver.uniqueness.verdict, **_cycles(solver)}
     row.pop("step", None)
     row.pop("time", None)
-    warnings = [*ended.warnings, *ended.fallbacks.warnings(), *solver.uniqueness.warnings()]
+    warnings = [*ended.warnings, *ended.fallbacks.warnings(), *solver.uniqueness.warnings(),
+                *([] if follows else _half_held(solver, contact, prescribed))]
     status, reason = (failure.exit_status, str(failure)) if failure else (0, "")
     return Outcome(status, reason, row, history, fields, warnings), first
+
+
+def _half_held(solver, contact, prescribed: Prescribed) -> list[str]:
+    """A line if supports hold nodes in one direction of a slanted boundary: rows do not tell how
+    these slide.
+    """
+    count = np.count_nonzero(without_row(contact) & ~prescribed.held)
+    if not (solver.effects.frictional and count):
+        return []
+    return [f"a support holds {counted(count, 'contact node')} of a slanted boundary in one "
+            "direction: runs alone tell u_t and slip there, which are wrong here, and largest_slip "
+            "may be"]
 
 
 def _cycles(solver) -> dict:
@@ -160,7 +174,7 @@ class _Fields:
         if structure.yields:  # B u = c - gradient + what the asperities yield
             own = structure.compliance_of(structure.row_range[0] + rows.normal)
             values[0, rows.normal_node] += own * step.multipliers[rows.normal]
-        values[1, rows.tangential_node] = -step.gradient[rows.tangential]
+        values[1, rows.tangential_node] = 0.0 - step.gradient[rows.tangential]
         values[2, rows.normal_node] = step.multipliers[rows.normal]
         values[3, rows.tangential_node] = step.multipliers[rows.tangential]
         values[4, rows.tangential_node] = step.friction_bound

@@ -58,7 +58,8 @@ def body_of(parts: list[dict], placed=(), held=()):
         fields.append(np.column_stack([0 * gid, [*part.values()]]).ravel())
     contact = SimpleNamespace(declared=SimpleNamespace(term_gid=np.array(placed, int)))
     fixed = [np.flatnonzero(np.isin(sub.node_gid, held).repeat(2)) for sub in subs]
-    structure = SimpleNamespace(contact=contact, subdomains=subs, fixed=fixed)
+    outer = np.concatenate([sub.node_gid[sub.edges] for sub in subs])
+    structure = SimpleNamespace(contact=contact, subdomains=subs, fixed=fixed, outer_edges=outer)
     return SimpleNamespace(structure=structure, follow=lambda step: None, comm=MPI.COMM_SELF,
                            displacements=lambda *_: fields)
 
@@ -94,6 +95,16 @@ def test_the_largest_displacement_lies_between_nodes_of_the_outline(parts, more)
     far = mesh((9.0, 3.0))
     added = exceeded(Part(0.1), 3.0, [(found, far)], [2.0], 1.0).error - 0.1
     assert added == pytest.approx(more, abs=1e-12)
+
+
+@pytest.mark.parametrize("outer, more", [([[1, 0], [1, 2]], 0.04**2 / (4 * 0.06)), ([], 0.0)])
+def test_edges_between_subdomains_are_no_outline(outer, more):
+    """Beside the largest one such an edge was a third neighbour, and what is more was left out;
+    inside a body two of them were an outline.
+    """
+    body = body_of([{0: 2.9, 1: 3.0, 7: 2.8}, {2: 2.98, 1: 3.0, 7: 2.8}][: 2 if outer else 1])
+    body.structure.outer_edges = np.array(outer, int).reshape(-1, 2)
+    assert Peaks.of(body, STEP, 3.0).between == pytest.approx(more)
 
 
 def test_at_a_corner_the_largest_displacement_is_that_of_the_corner():

@@ -475,3 +475,21 @@ include "export.idp"
     entry = solved(path, errors="yes").summary["errors"]["quantities"]["contact_length"]
     true = 2 * np.pi - entry["value"]
     assert true > 0.01 and true < entry["total"] < 4 * true
+
+
+ONE = """include "scene.idp"
+body = square(2, 2, [2*x, y]);
+bodyMaterial("block", 1000., 0.3);
+macro support() on(4, u1 = 0., u2 = 0.) + on(2, u1 = 0., u2 = 0.) //
+macro load1() traction(3, 0.5, -10.) //
+macro contact() 1 //
+include "export.idp"
+"""
+
+
+def test_a_boundary_with_one_node_is_claimed_as_others_are(solved, named_scene):
+    """One place tells no line, and no curve."""
+    run = solved(str(named_scene("one", ONE)), ERRORS="yes")
+    assert len(run.contact["x"][-1]) == 1 and "normal_resultant" in run.summary["errors"][
+        "quantities"]
+    assert not any("could be estimated" in line for line in run.summary["warnings"])

@@ -551,8 +551,26 @@ def test_what_loads_call_is_no_such_integral_either(said):
     assert "down has the integral int1d(body,l)(...)" in words
 
 
-@pytest.mark.parametrize("load", ["traction(3, 0., -10./int1d(Ti, 3)(1.))",
-                                  "int1d(Ti, 3, qforder = 3)(-10.*v2)"])
+def test_integrals_behind_a_name_of_their_own_are_such_too(said):
+    words = said(("macro load1() traction(3, 2., -10.)",
+                  "macro down() (-10.*v2) //\nmacro load1() int1d(body, 3)(down)"))
+    assert "load1 has the integral int1d(body,3)(...)" in words
+
+
+@pytest.mark.parametrize("macro, number", [
+    ("load2() traction(3, 0., -10./int1d(Ti, 3)(1.))", "int1d(Ti,3)"),
+    ("load2() int1d(Ti, 3)(-10./int1d(Ti, 3)(1.)*v2)", "int1d(Ti,3)"),
+    ("bodyForce1() [0., -10./int2d(Ti)(1.)]", "int2d(Ti)")])
+def test_numbers_are_no_integrals_over_a_subdomain(said, macro, number):
+    """Each of four subdomains along the label took the whole force: its sum was four times that."""
+    words = said(("macro friction() F //", f"macro friction() F //\nmacro {macro} //"))
+    assert f"{macro.partition('(')[0]} has the number {number}(...), which every subdomain" in words
+
+
+@pytest.mark.parametrize("load", [
+    "traction(3, 0., -10./int1d(body, 3)(1.))", "int1d(Ti, 3, qforder = 3)(-10.*v2)",
+    "int1d(Ti, 3)(down) //\nmacro down() (-10.*v2)",
+    "down(3, -10.*v2) //\nmacro down(l, q) int1d(Ti, l)(q)"])
 def test_loads_of_each_subdomain_and_numbers_in_them_are_not_refused(accepted, load):
     accepted(f"macro load2() {load} //\nmacro friction() F //")
 

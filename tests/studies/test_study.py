@@ -172,6 +172,42 @@ def test_values_beyond_uniqueness_are_reported(made):
     assert "warning: FRICTION=5.6" in study.describe(summary, Path("out"))
 
 
+def test_slip_that_rows_do_not_tell_is_not_left_wrong_without_a_word(made, named_scene):
+    """A support holds the end of a slanted boundary in one direction; of a straight one all."""
+    held = RUBBED.replace("on(3, u1", "on(4, u1")
+    slanted = held.replace("4.*y]", "4.*y + 2.*x]")
+    words = "a support holds 1 contact node of a slanted boundary in one direction"
+    for text, said in ((held, False), (slanted, True)):
+        summary, _ = made(scene=str(named_scene(f"slanted-{said}", text)), friction="0.2,0.3",
+                          steps="2")
+        assert any(words in line for line in summary["warnings"]) == said
+
+
+FREE = """include "scene.idp"
+real F = physical("friction", 0.3);
+subdomains("2x2");
+rectangle(0., 2., 0., 1.);
+quasistatic(1.);
+bodyMaterial("pad", 1000., 0.3);
+macro contact() 1 //
+macro friction() F //
+macro load1() traction(3, 0.5, -10.) //
+include "export.idp"
+"""
+
+
+def test_ranks_take_values_of_their_own_of_small_bodies_that_are_not_condensed(
+        made, named_scene, capfd):
+    """Together they took four times as long as one alone; zero slip had two signs."""
+    values = {"scene": str(named_scene("free", FREE)), "friction": "0.1,0.3", "steps": "1",
+              "cells": "3"}
+    _, one = made(**values)
+    capfd.readouterr()
+    summary, two = made(**values, np="2", quiet="no")
+    assert not summary["condensed"] and summary["ranks"] == 2 and one == two
+    assert "1 of 1, as other ranks do" in capfd.readouterr().out
+
+
 @pytest.mark.slow  # two studies
 def test_loadings_and_steps(made, solved):
     _, files = made(scene="model", loading="monotone,nonmonotone", steps="4")
@@ -609,6 +645,19 @@ def test_the_user_waits_for_all_that_is_printed(tmp_path, monkeypatch, capsys):
     assert seconds["total"] == pytest.approx(sum(seconds.values()) - seconds["total"])
     assert f"{seconds['total']:.2f} s (FreeFEM" in capsys.readouterr().out
     assert (out / "report.html").exists()
+
+
+def test_tables_stand_without_figures_and_page(tmp_path, monkeypatch, capsys):
+    def fails(_folder):
+        raise ValueError("no such color")
+
+    for drawn in ("driver.figures.study.draw", "driver.report.study.write"):
+        monkeypatch.setattr(drawn, fails)
+    out = tmp_path / "study"
+    cli.study(["SCENE=model", "CELLS=2", "STEPS=1", "FRICTION=0.1,0.2", f"OUT={out}", "QUIET=yes"])
+    said = capsys.readouterr().err
+    assert "'make figures' draws them" in said and "'make report' writes it" in said
+    assert len(read_rows(out / "study.csv")) == 2
 
 
 def test_friction_takes_the_work_that_it_takes_in_single_runs(made, named_scene):
