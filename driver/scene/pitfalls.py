@@ -22,7 +22,7 @@ PLACELESS = re.compile(r"amplitude\d|(slip|displacement)Factor|stepTimes|cycles|
                        r"point(Load\d|Spring)|probePoints")
 PLACE = re.compile(r"(?<![.\w])(?:(?:x|y|label|region)\b(?!\()|[NP]\.[xy]\b)")
 INTEGRAL = re.compile(r"(?<![.\w])int(?:1d|2d|alledges)(?=\s*\()")  # the same everywhere
-OFF = {"no", "off", "false", "0", "0."}  # of what is declared by any content
+OFF = re.compile(r"no|off|false|0+\.?0*", re.IGNORECASE)  # of what any content declares
 LOAD = re.compile(r"load\d")
 # what traction and pressure are: over a boundary of each subdomain, which are all called Ti
 OF_SUBDOMAINS, OVER_PARTS = re.compile(r"int1d\(Ti,(?!qf)"), re.compile(r"int\w+\(Ti\b")
@@ -50,7 +50,7 @@ def check(scene: Path, parameters: dict[str, str]) -> None:
     loads = declaring(macros, frozenset(filter(LOAD.fullmatch, rooms.vocabulary())))
     for macro, own in zip(macros, bare):
         reason = _mistake(macro.content) if macro.name in named else ""
-        if macro.name in switches and code_of(macro.content).lower() in OFF:
+        if macro.name in switches and OFF.fullmatch(code_of(macro.content)):
             reason = "holds whatever its content, also this one: leave it out if it is not meant"
         if macro.name in named:
             reason = reason or _own_integral(macro, macros, macro.name in loads)
