@@ -9,7 +9,8 @@ A resultant J = sum_i a_i lambda_i, a_i the signs of its rows, is given by the l
 combination of such B r on all rows that may carry: on all rows of contact and joints, ANYWHERE it
 may be, or on those of the nodes that touch, HERE, a sliding one with its friction. The first is an
 identity, on any mesh: J errs by what loads err, which coarser meshes tell without chance. The
-second holds as long as the same states do; coarser meshes have to agree on it.
+second holds as long as the same states do, and where all that presses has one normal: coarser
+meshes have to agree on it, but may have the same few nodes at the ends of a round boundary.
 
 Rotations give resultants as well, by the places of contact, which a mesh may not know: an arch on
 the edges of its feet has shares of its weight at places where nodes are.
@@ -21,6 +22,7 @@ import numpy as np
 
 from ..contact.states import OPEN, SLIP
 from ..quantity_table import SUMMED
+from ..results.record import ROUND
 
 ROUNDING = 1e-7  # part of a row by which work may differ: its direction and weight are sums
 TURNS = 1e-9  # way by a rotation over that by a motion of the body, below which it is a translation
@@ -48,13 +50,15 @@ def by_loads(operator, record, values: dict, index: int) -> Given:
         return Given()
     rows, state = contact.solver.rows, record.state(index)
     ratio = frozen_ratio(rows, state, operator.comm)
+    pressing = contact.boundary.normal[state["sigma_n"] < 0]
+    level = not len(pressing) or np.ptp(pressing, axis=0).max() <= ROUND
     found = {}
     for name in names:
         target = of_resultant(rows, record.signed_shares(name, index), name, operator.owned)
         found[name] = [
             _combines(operator, reduced(rows, target), [reduced(rows, r) for r in motions]),
-            _combines(operator, reduced(rows, target, state["status"], ratio),
-                      [reduced(rows, r, state["status"], ratio) for r in motions])]
+            level and _combines(operator, reduced(rows, target, state["status"], ratio),
+                                [reduced(rows, r, state["status"], ratio) for r in motions])]
     anywhere, here = (frozenset(name for name in names if found[name][k]) for k in (0, 1))
     return Given(anywhere, here)
 

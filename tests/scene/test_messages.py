@@ -528,7 +528,8 @@ def test_mistakes_that_freefem_takes_for_something_else(said, formula, helper, w
     assert words in said(("macro friction() F //", f"{helper}macro friction() {formula} //"))
 
 
-@pytest.mark.parametrize("macro", ["planeStress() no", "axisymmetric() 0", "preload() False", "planeStress() 0.0"])
+@pytest.mark.parametrize("macro", ["planeStress() no", "axisymmetric() 0", "preload() False",
+                                   "planeStress() 0.0"])
 def test_what_any_content_declares_is_not_taken_back_by_its_content(said, macro):
     words = said(("macro friction() F //", f"macro friction() F //\nmacro {macro} //"))
     assert f"{macro.partition('(')[0]} holds whatever its content, also this one" in words
