@@ -12,7 +12,7 @@ from driver.march import globalization, shortcut
 from driver.march.condensation import Condensation
 from driver.march.shortcut import Shortcut
 from driver.march.step import History, Trace
-from driver.qp import coulomb
+from driver.qp import state_system
 
 # the rubber block dragged at once: friction bounds settle slowly as all nodes slide
 DRAGGED = {"h": 0.8, "element": "P2", "subdomains": 4, "without": "quasistatic"}
@@ -353,7 +353,7 @@ def test_forces_that_are_missing_are_those_of_newton(built, steps_of, monkeypatc
     contact = np.append(rows.normal, rows.tangential)
     size = np.linalg.norm(change[contact]) / np.linalg.norm(moved[contact])
     assert said == pytest.approx(size, rel=1e-5)
-    monkeypatch.setattr(coulomb, "SINGULAR", np.inf)  # of a system that may be singular nothing
+    monkeypatch.setattr(state_system, "SINGULAR", np.inf)  # then nothing
     condensation.problem(load, x, step.gradient).latest.clear()
     assert condensation.correction(load, moved, step.gradient) is None
     monkeypatch.undo()
