@@ -353,7 +353,7 @@ def test_forces_that_are_missing_are_those_of_newton(built, steps_of, monkeypatc
     contact = np.append(rows.normal, rows.tangential)
     size = np.linalg.norm(change[contact]) / np.linalg.norm(moved[contact])
     assert said == pytest.approx(size, rel=1e-5)
-    monkeypatch.setattr(state_system, "SINGULAR", np.inf)  # then nothing
+    monkeypatch.setattr(state_system, "SINGULAR", np.inf)  # of what may be singular nothing
     condensation.problem(load, x, step.gradient).latest.clear()
     assert condensation.correction(load, moved, step.gradient) is None
     monkeypatch.undo()
