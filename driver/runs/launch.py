@@ -34,7 +34,12 @@ def ranks_for(export: Manifest) -> int:
     memory.
     """
     cores = CORES if export.quasistatic else max(1, CORES - 1)
-    return max(1, min(cores, export.subdomains, 2 * export.nodes // RANK))
+    return min(cores, export.subdomains, paid_by(export))
+
+
+def paid_by(export: Manifest) -> int:
+    """The ranks that the size of an `export` pays for, on however many cores."""
+    return max(1, 2 * export.nodes // RANK)
 
 
 class Stage:

@@ -87,16 +87,16 @@ def _problem(export: Path, name: str, values: list[Value], comm, lap) -> tuple:
     """The Problem of all `values` of a parameter, and its LoadValues; collective over `comm`.
 
     Ranks share the body, or have each the whole of it: where it is not condensed, and too small to
-    pay for as many, it takes values one after the other sooner than in common.
+    pay for more than one, it takes values one after the other sooner than in common.
     """
     def on(ranks, lap=lambda stage: None):
         loads = LoadValues(name, values, ranks)
         return assemble(export, ranks, lap, loads.widen), loads
 
     problem, loads = on(comm, lap)
-    paid = comm.bcast(launch.ranks_for(problem.manifest))
-    structure = problem.structure
-    if comm.size > paid and structure.contact.following is None and not _condenses(structure):
+    structure, small = problem.structure, launch.paid_by(problem.manifest) == 1
+    alone = small and structure.contact.following is None and not _condenses(structure)
+    if alone and comm.size > 1:
         problem, loads = on(MPI.COMM_SELF)
     return problem, loads
 

@@ -3,10 +3,11 @@
 from types import SimpleNamespace
 
 import pytest
+from mpi4py import MPI
 
 from driver import options
 from driver.runs import launch
-from driver.studies import value_chains
+from driver.studies import parametric, value_chains
 
 
 @pytest.mark.parametrize("count, ranks", [(5, 2), (10, 4), (100, 8)])
@@ -26,6 +27,19 @@ def test_values_have_the_ranks_that_their_steps_pay_for(monkeypatch, count, step
     monkeypatch.setattr(options, "CORES", cores)
     export = SimpleNamespace(steps=steps, rooms=rooms, quasistatic=True, subdomains=8, nodes=1000)
     assert value_chains.ranks_for(export, count) == ranks
+
+
+@pytest.mark.parametrize("nodes, shared", [(1000, False), (launch.RANK, True)])
+def test_ranks_share_bodies_that_pay_for_more_than_one(monkeypatch, nodes, shared):
+    """Not each the whole of a large one, however few cores or many ranks there are."""
+    structure = SimpleNamespace(contact=SimpleNamespace(following=None), rigid_modes=[None],
+                                at_contact=SimpleNamespace(row=[]))
+    problem, of = SimpleNamespace(structure=structure, manifest=SimpleNamespace(nodes=nodes)), []
+    monkeypatch.setattr(parametric, "LoadValues", lambda *_: SimpleNamespace(widen=None))
+    monkeypatch.setattr(parametric, "assemble", lambda _, ranks, *__: of.append(ranks) or problem)
+    everyone = SimpleNamespace(size=64)
+    parametric._problem(None, "friction", [], everyone, None)
+    assert of == ([everyone] if shared else [everyone, MPI.COMM_SELF])
 
 
 def test_a_large_body_has_the_ranks_of_its_runs(monkeypatch):
