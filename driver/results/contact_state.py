@@ -33,7 +33,7 @@ class ContactState:
         self.solver = solver
         # of the step before: tangential displacement less travel, and pattern factors of that
         self._elastic = self._weights = None
-        self.held = HeldNodes(self.boundary, solver.effects, solver.initial)
+        self.held_nodes = HeldNodes(self.boundary, solver.effects, solver.initial)
         # where the scene declares wear, that and the depth so far, by the slip of displacements
         self._wear = solver.effects.rooms.get("wear")
         self.worn = None if self._wear is None else np.zeros(len(self.boundary.gid))
@@ -132,10 +132,11 @@ class ContactState:
         self._time = step.time
         self._elastic, self._weights, self._before = elastic, weights, moved
         if self.frictional:  # a node constrained tangentially has no row of its own, but a bound
-            bound = self.held.add(self.law, held, values[0], slip, self._reach(moved, weights))
+            reach = self._reach(moved, weights)
+            bound = self.held_nodes.add(self.law, held, values[0], slip, reach)
             values[2] = np.where(b.tangential_row < 0, bound, values[2])
-            values[1] += self.held.friction
-            values[3] = self.held.states(held, values[2], values[3])
+            values[1] += self.held_nodes.friction
+            values[3] = self.held_nodes.states(held, values[2], values[3])
         more = {} if self.worn is None else {WEAR: self._worn_by(slip, values[0])}
         if step.cycle:
             self._cycle_ends(step)
@@ -144,7 +145,7 @@ class ContactState:
                 ContactField.SIGMA_T: 0.0 - values[1] / b.weight,
                 ContactField.BOUND: values[2] / b.weight,
                 ContactField.STATUS: values[3].astype(int), JOINTS: joints,
-                HELD: self.held.friction}
+                HELD: self.held_nodes.friction}
 
     def prescribed(self) -> np.ndarray:
         """(patterns, n_c) displacements along the boundary of the nodes held along it, by what each
@@ -164,7 +165,7 @@ class ContactState:
     def _handed_on(self) -> dict[str, np.ndarray]:
         """What a cycle hands on to the next, None what is not there."""
         return {MOVED: self._elastic, WORN: self.worn,
-                SLID: None if self.held.way is None else self.held.way.slid.copy()}
+                SLID: None if self.held_nodes.way is None else self.held_nodes.way.slid.copy()}
 
     def _cycle_ends(self, step: Step) -> None:
         """A cycle ends; what grows in those that are jumped over after it has grown."""
@@ -175,8 +176,8 @@ class ContactState:
                 now[name] = now[name] + step.skips * (now[name] - self._begun[name])
         self._begun, self._elastic = now, now[MOVED]
         self.worn = now[WORN]
-        if self.held.way is not None:
-            self.held.way.slid = now[SLID]
+        if self.held_nodes.way is not None:
+            self.held_nodes.way.slid = now[SLID]
 
     def _worn_by(self, slip: np.ndarray, force: np.ndarray) -> np.ndarray:
         """(n_c,) worn depth at the end of a step; supports that hold nodes are not worn against.

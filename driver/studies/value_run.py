@@ -134,7 +134,7 @@ class _Fields:
     def __init__(self, solver, law, prescribed: Prescribed):
         self.solver, self.law, self.prescribed = solver, law, prescribed
         self.contact = solver.operator.structure.contact.declared
-        self.held = HeldNodes(self.contact, solver.effects, solver.initial)
+        self.held_nodes = HeldNodes(self.contact, solver.effects, solver.initial)
         # at the end of the step before: tangential displacement, time and pattern factors
         self._u_t, self._time = solver.initial[: len(self.contact.gid)], 0.0
         self._weights = solver.initial_weights
@@ -152,9 +152,9 @@ class _Fields:
             weights = step.weights[: len(self._weights)]
             slip = np.where(alone, (weights - self._weights) @ self.prescribed.along - way, slip)
             reach = np.abs([u_n, self._u_t + way + slip]).max(initial=0.0)
-            own = self.held.add(self.law, held, force_n, slip, reach)
-            bound, force_t = np.where(alone, own, bound), force_t + self.held.friction
-            status, self._weights = self.held.states(held, bound, status), weights
+            own = self.held_nodes.add(self.law, held, force_n, slip, reach)
+            bound, force_t = np.where(alone, own, bound), force_t + self.held_nodes.friction
+            status, self._weights = self.held_nodes.states(held, bound, status), weights
         self._u_t, self._time = self._u_t + way + slip, step.time
         w = contact.weight
         fields = {"u_n": u_n, "u_t": self._u_t, "slip": slip, "sigma_n": 0.0 - force_n / w,

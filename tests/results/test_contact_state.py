@@ -46,7 +46,7 @@ def made(rng, worn=False) -> ContactState:
     if worn:
         of._wear.prepare(b)
     of.constrained = np.zeros((n, 2), bool)
-    of.held = HeldNodes(b, of.solver.effects, of.solver.initial)
+    of.held_nodes = HeldNodes(b, of.solver.effects, of.solver.initial)
     of.law = SimpleNamespace(friction_bound=lambda force: 0.4 * np.abs(force))
     return of
 
@@ -119,7 +119,7 @@ def test_held_nodes_obey_laws_of_their_way():
         return 1.0 - slid
 
     law = SimpleNamespace(factor_at=factor, of_others=Way)
-    of.held = HeldNodes(b, SimpleNamespace(rooms={"slip_law": law}), np.full(3, 0.25))
+    of.held_nodes = HeldNodes(b, SimpleNamespace(rooms={"slip_law": law}), np.full(3, 0.25))
     for time, way in ((1.0, 0.3), (2.0, 0.6)):
         found = of.evaluate(step(time, np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]), np.zeros(2),
                                  friction_bound=np.full(2, 9.0)), np.zeros((9, 2)))
@@ -164,15 +164,15 @@ def test_what_has_grown_in_a_cycle_grows_as_much_in_each_that_is_jumped_over(ski
     of = object.__new__(ContactState)
     of._begun = {MOVED: np.array([1.0, 2.0]), WORN: np.array([0.5, 0.5]), SLID: np.zeros(2)}
     of._elastic, of.worn = np.array([1.5, 1.0]), np.array([0.75, 0.5])
-    of.held = SimpleNamespace(way=SimpleNamespace(slid=np.array([0.0, 0.25])))
+    of.held_nodes = SimpleNamespace(way=SimpleNamespace(slid=np.array([0.0, 0.25])))
     of._cycle_ends(SimpleNamespace(skips=skips, grown=(WORN, SLID, "of no node")))
-    np.testing.assert_allclose(of.held.way.slid, [0.0, 0.25 + 0.25 * skips])
+    np.testing.assert_allclose(of.held_nodes.way.slid, [0.0, 0.25 + 0.25 * skips])
     np.testing.assert_allclose(of._elastic, [1.5, 1.0])
     np.testing.assert_allclose(of.worn, [0.75 + 0.25 * skips, 0.5])
-    of._begun[SLID] = of.held.way.slid - 1.0
-    before = of.held.way.slid
+    of._begun[SLID] = of.held_nodes.way.slid - 1.0
+    before = of.held_nodes.way.slid
     of._cycle_ends(SimpleNamespace(skips=skips, grown=()))  # the march does not see held nodes
-    np.testing.assert_allclose(of.held.way.slid, before + skips)
+    np.testing.assert_allclose(of.held_nodes.way.slid, before + skips)
     assert of._begun[WORN] is of.worn and of._begun[MOVED] is of._elastic
     of._cycle_ends(SimpleNamespace(skips=skips, grown=(MOVED,)))
     np.testing.assert_allclose(of._elastic, [1.5, 1.0])
