@@ -242,11 +242,13 @@ def _interior(structure: Substructure, s: int, K: Symmetric, needed: np.ndarray,
     are the same whether it was eliminated `ahead` or is now.
     """
     sub = structure.subdomains[s]
+    known = ahead.pop(sub.index, None)
     own, free = _free(sub.dofs, sub.fixed), _free(sub.dofs, structure.fixed[s])
     inner = np.ones(sub.dofs, bool)
     inner[2 * sub.rim] = inner[2 * sub.rim + 1] = False
     if np.array_equal(free[inner], own[inner]) and np.isin(needed, sub.rim).all():
-        return ahead.pop(sub.index, None) or Interior(K, sub.rim, own)
+        return known or Interior(K, sub.rim, own)
+    del known  # before another one is made
     return Interior(K, np.union1d(sub.rim, needed), free)
 
 

@@ -200,6 +200,26 @@ class Condensation:
         op.products = products  # a part of the elimination, made again after an interruption
         return np.reshape(moved, (op.structure.patterns, self.total)).T
 
+    def without_contact(self, weights: np.ndarray, rigid: np.ndarray) -> np.ndarray:
+        """(owned,) movements of the contact rows of glued bodies by loads of `weights`, where there
+        are no contact forces but those of bilateral contact.
+
+        These take the rows that pull to their gap with the motions `rigid` (owned,) of bodies that
+        nothing else holds. Where there is an `elimination`. Collective; raises NotConverged.
+        """
+        rows, moved = self.rows, self._responses @ weights[: self.operator.structure.patterns]
+        apart, pulls = np.zeros((2, self.operator.owned))
+        apart[rows.normal], pulls[rows.normal] = rigid[rows.normal] - rows.gap, rows.pulls
+        held = np.flatnonzero(self._gathered(pulls, self._every))
+        if held.size:
+            compliance = self.elimination.compliance()[:, held]
+            force = np.linalg.solve(compliance[held], (moved + self._gathered(
+                apart, self._every))[held])
+            moved -= compliance @ force
+        found, (own, places, _) = np.zeros(self.operator.owned), self._every
+        found[places] = moved[own]
+        return found
+
     def compliance(self) -> np.ndarray:
         """C (n + m, n + m), computed at the first call.
 

@@ -77,14 +77,19 @@ class Shortcut:
         only grow may have predicted it.
         """
         known = self.condensation.eliminated if trace.shortcut is None else trace.shortcut
-        first = trace.shortcut is None and not known and self._comes_first
-        if not (first or known) or not self.possible:
+        first = trace.shortcut is None and not known and self.comes_first
+        if not (first or known and self.possible):
             return False
         residual = projected_gradient(x, gradient, *self.rows.limits(len(x), x))
         return self.qp.size(residual) > self.qp.tol or self.bodies.imbalance(load, x) > rtol
 
+    @property
+    def comes_first(self) -> bool:
+        """Whether already the first step begins with elimination."""
+        return self._cheaper and self.possible
+
     @functools.cached_property
-    def _comes_first(self) -> bool:
+    def _cheaper(self) -> bool:
         """Whether sizes alone tell that elimination is cheaper than successive approximations."""
         condensation, operator = self.condensation, self.condensation.operator
         if condensation.whole or not condensation.total:

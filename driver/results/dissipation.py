@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..contact.states import ContactField
+from ..errors import NotConverged
 
 CLOSED = 1e-9  # part of the largest displacement below which a distance is rounding
 FEW = 3  # step ends at which a node that contact passes is seen in contact: too few to say more
@@ -159,7 +160,7 @@ def without_contact(solver, boundary) -> np.ndarray:
     weights = np.zeros(patterns + operator.modes)
     weights[:patterns] = solver.amplitudes[1]
     rigid = operator.rigid_response(weights)
-    moved = _whole(solver, operator.elastic_response(weights), rigid) + rigid
+    moved = _whole(solver, weights, rigid) + rigid
     free = np.zeros(len(moved), bool)
     for unit in np.eye(patterns + operator.modes)[patterns:]:
         motion = np.abs(operator.rigid_response(unit))
@@ -177,13 +178,19 @@ def without_contact(solver, boundary) -> np.ndarray:
     return found
 
 
-def _whole(solver, torn: np.ndarray, rigid: np.ndarray) -> np.ndarray:
-    """(owned,) displacements of all rows for those of the `torn` body, glued and tied again.
+def _whole(solver, weights: np.ndarray, rigid: np.ndarray) -> np.ndarray:
+    """(owned,) displacements of contact rows under loads of `weights`, of bodies glued and tied.
 
     Bilateral contact holds as well, with the `rigid` motions (owned,) of whole bodies: what it
-    meets is not met first. Collective.
+    meets is not met first. By what the first step has eliminated, where it has. Collective.
     """
-    rows, qp, d = solver.rows, solver.qp, torn.copy()
+    if solver.fixed_point.shortcut.comes_first:
+        try:
+            return solver.condensation.without_contact(weights, rigid)
+        except NotConverged:
+            pass  # nor could the step be solved by it
+    rows, qp, torn = solver.rows, solver.qp, solver.operator.elastic_response(weights)
+    d = torn.copy()
     pulls = rows.normal[rows.pulls]
     d[pulls] += rigid[pulls] - rows.gap[rows.pulls]
     lower, upper = np.full((2, len(d)), [[-np.inf], [np.inf]])

@@ -13,7 +13,7 @@ from driver.march import ahead as stage
 from driver.march.ahead import Ahead
 from driver.march.problem import assemble
 from driver.scene import loader
-from driver.scene.manifest import announced
+from driver.scene.manifest import announced, read_manifest
 from driver.scene.records import Records, record_layout
 
 # supports, contact and pairs meet cuts; quadratic, several bodies, sliding, loose ones
@@ -57,6 +57,51 @@ def test_all_some_or_nothing_ahead_have_the_same_bits(exported, made, name):
         for one, other in zip(problem.operator.displacements(x, weights),
                               alone.operator.displacements(x, weights)):
             assert np.array_equal(one, other)
+
+
+# lines of one label, that of a side of the outline too, which cuts into few or many pieces follow
+LINES = """include "scene.idp"
+border bottom(t=0, 2) { x = t; y = 0; label = 1; }
+border right(t=0, 1) { x = 2; y = t; label = 9; }
+border top(t=0, 2) { x = 2 - t; y = 1; label = 3; }
+border left(t=0, 1) { x = 0; y = 1 - t; label = 4; }
+border line1(t=0, 1) { x = 0.5; y = t; label = 9; }
+border line2(t=0, 1) { x = 1; y = t; label = 9; }
+border line3(t=0, 1) { x = 1.5; y = t; label = 9; }
+body = buildmesh(bottom(16) + right(8) + top(16) + left(8) + line1(8) + line2(8) + line3(8));
+macro young() 1e3 //
+macro poisson() 0.3 //
+macro support() on(4, u1 = 0., u2 = 0.) //
+macro load1() traction(3, 0., -1.) //
+macro contact() 1 //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("cut, element", [(2, "P1"), (4, "P2"), (40, "P1")])
+@pytest.mark.some(1)
+def test_cuts_along_lines_inside_a_body_are_interfaces(exported, named_scene, made, cut, element):
+    """Whatever labels the lines have; but for them the outline and what is inside keep theirs."""
+    export = exported(named_scene("lines", LINES), subdomains=cut, element=element)
+    subdomains = loader.read_subdomains(read_manifest(export), 0, cut, MPI.COMM_SELF)
+    label, along = read_manifest(export).interface_label, 0
+    held = np.bincount(np.concatenate([np.unique(sub.node_gid) for sub in subdomains]))
+    for sub in subdomains:
+        x, y = sub.xy[sub.edges].mean(axis=1).T
+        outer = np.isin(y, (0, 1)) | np.isin(x, (0, 2))
+        sides = np.sort(sub.elements[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        once = [(sides == np.sort(edge)).all(axis=1).sum() == 1 for edge in sub.edges]
+        cuts = sub.edge_label == label
+        assert np.array_equal(cuts, once & ~outer) and (held[sub.node_gid[sub.edges[cuts]]] > 1).all()
+        along += np.isin(x[cuts], (0.5, 1.0, 1.5)).sum()
+        assert set(sub.edge_label[~cuts & (x == 2)]) <= {9}
+    assert along >= 8
+    ahead = Ahead(export, MPI.COMM_SELF)
+    while ahead.advance():
+        pass
+    number = len(made)
+    assemble(export, MPI.COMM_SELF, ahead=ahead)
+    assert len(made) == number == cut
 
 
 def test_a_rim_that_lacks_what_rows_need_is_widened(exported, made, monkeypatch):

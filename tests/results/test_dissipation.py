@@ -4,8 +4,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 from driver.contact.states import ContactField as C
+from driver.march.problem import assemble
+from driver.options import Settings
+from driver.results import dissipation
 from driver.results.dissipation import HOLD, LEFT, Dissipation
 from driver.results.record import Record
 
@@ -166,6 +170,33 @@ def test_work_of_a_first_step_does_not_depend_on_the_cut(solved, tmp_path):
     work = [solved(path, subdomains=cut, np=1 + cut // 5).summary["dissipated"]
             for cut in (1, 3, 7)]
     assert work[0] > 0 and work == pytest.approx(work[:1] * 3, rel=1e-6)
+
+
+@pytest.mark.parametrize("pulls", ["", "macro bilateral() (label == 2) //"],
+                         ids=["lifts off", "pulls"])
+@pytest.mark.some(2)
+def test_where_loads_alone_would_take_a_body_is_known_by_what_its_step_has_eliminated(
+        exported, named_scene, monkeypatch, pulls):
+    """As an iteration with its subdomains says, to what that leaves of their jumps; no product."""
+    scene = ONTO.format(history="", loads=f"macro support() on(4, u1 = 0., u2 = 0.) //\n{pulls}\n"
+                                          "macro load1() traction(3, 30., -40.)")
+    scene = scene.replace("rectangle(0., 20., 0., 10.);",
+                          "body = square(16, 8, [20. * x, 10. * y]);").replace("contact() 1",
+                                                                             "contact() 1, 2")
+    export = exported(named_scene(f"bends{len(pulls)}", scene), subdomains=7)
+    solver = assemble(export, MPI.COMM_SELF).solver(Settings())
+    boundary, shortcut = solver.operator.structure.contact, solver.fixed_point.shortcut
+    assert shortcut.comes_first
+    spent = solver.operator.products
+    found = dissipation.without_contact(solver, boundary)
+    assert solver.operator.products == spent and "accelerators" not in vars(solver.qp)
+    monkeypatch.setattr(type(shortcut), "comes_first", False)
+    wanted = dissipation.without_contact(solver, boundary)
+    assert "accelerators" in vars(solver.qp)
+    close = 10 * dissipation.GLUED * np.abs(wanted).max()
+    assert found == pytest.approx(wanted, rel=0, abs=close) and np.ptp(wanted[0]) > 1e3 * close
+    at_wall = np.isclose(solver.operator.structure.contact.xy[:, 0], 20.0)
+    assert np.allclose(found[0, at_wall][1:-1], 0.3, rtol=0, atol=close) == bool(pulls)
 
 
 def test_what_sticks_takes_nothing():
