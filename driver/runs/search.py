@@ -108,8 +108,8 @@ def _write(directory: Path, request: Request, search: goal.Search, status: int, 
     valid = validity.assess(problem, writer.contact,
                             [(level.steps[k], states[k]) for k in sorted(checked)])
     writer.close()
-    level.solver.history.warnings += doubts(problem, level.solver, level.steps[most],
-                                            search.motion)
+    level.solver.history.warnings += doubts(request, problem, level.solver,
+                                            level.steps[most], search.motion)
     budget, chosen = search.budget(), search.chosen()
     entry = budget[search.name]
     settings = " ".join(f"{name}={value}" for name, value in chosen.items())

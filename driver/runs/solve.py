@@ -21,6 +21,7 @@ from ..options import Settings
 from ..results import summary
 from ..results.relinearization import linearized
 from ..results.writer import Writer
+from ..scene.compared import asked_elsewhere
 from ..timing import Laps
 from . import launch
 from .drawing import drawn_aside
@@ -165,19 +166,22 @@ def _march(directory: Path, request: Request, problem: Problem, solver: Quasista
         failure = stop
         if failure.step is not None:
             add(failure.step)
-    history.warnings += doubts(problem, solver, estimator.largest and estimator.largest[1],
+    history.warnings += doubts(request, problem, solver,
+                               estimator.largest and estimator.largest[1],
                                problem.structure.contact.motion_of_all_times)
     with agreed_writes(comm):
         progress.close(str(failure or "converged"))
     return resumed, before, failure
 
 
-def doubts(problem: Problem, solver: QuasistaticSolver, step: Step | None, motion) -> list[str]:
+def doubts(request: Request, problem: Problem, solver: QuasistaticSolver, step: Step | None,
+           motion) -> list[str]:
     """Warnings of a run that is done; `step`: the one with the largest energy, `motion`: of
     obstacles at the times at which it was looked at.
     """
     lines = [] if solver.cycles is None else solver.cycles.warnings()
     lines += soundness.warnings(problem, step)
+    lines += asked_elsewhere(Path(request.script), problem.manifest)
     lines += between_steps.half_turns(problem.structure.contact.motion_of_all_times)
     if problem.effects.frictional:  # else the end does not depend on the way
         lines += between_steps.warnings(problem.manifest, motion)

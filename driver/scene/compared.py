@@ -11,8 +11,8 @@ from . import grammar, pitfalls, rooms
 from .manifest import Manifest
 
 # in code without blanks; numbers in sums and products are not judged
-COMPARED = re.compile(r"(?<![-+*/%.\w)\]])(?:(label|region)[!=]=(-?\d+)(?![-+*/%.\w])|"
-                      r"(-?\d+)[!=]=(label|region)(?![-+*/%\w]))")
+COMPARED = re.compile(r"(?<![-+*/%.\w)\]])(?:(label|region)([!=])=(-?\d+)(?![-+*/%.\w])|"
+                      r"(-?\d+)([!=])=(label|region)(?![-+*/%\w]))")
 
 
 def check(scene: Path, manifest: Manifest) -> None:
@@ -32,20 +32,39 @@ def check(scene: Path, manifest: Manifest) -> None:
     laws = pitfalls.declaring(macros, rooms.of_contact()) if manifest.contact_pairs else ()
     for macro in macros:
         asked = _compared(macro.content)
-        for name, number in asked:
+        for name, number, _ in asked:
             if number not in there[name] and macro.name in declaring:
                 raise InputError(f"{macro.path.name} line {macro.line}: {macro.name} asks for "
                                  f"{name} {number}, which {words[name]}")
         if macro.name in laws:
-            labels = [number for name, number in asked if name == "label"]
+            labels = [number for name, number, _ in asked if name == "label"]
             if reason := _second_label(labels, manifest.contact_labels, manifest.contact_pairs):
                 raise InputError(f"{macro.path.name} line {macro.line}: {macro.name} asks for "
                                  f"{reason}")
 
 
-def _compared(content: str) -> list[tuple[str, int]]:
-    """What a macro compares with numbers, label or region, and those."""
-    return [(found[1] or found[4], int(found[2] or found[3])) for found
+def asked_elsewhere(scene: Path, manifest: Manifest) -> list[str]:
+    """A line for every contact law that asks for labels without contact, and for none that has it.
+
+    It has one value everywhere then. Who asks for one of these as well may have left others out.
+    """
+    macros = [macro for source in grammar.sources(scene) for macro in grammar.definitions(source)]
+    laws, own = pitfalls.declaring(macros, rooms.of_contact()), manifest.contact_labels
+    lines = []
+    for macro in macros:
+        asked = [number for name, number, sign in _compared(macro.content)
+                 if (name, sign) == ("label", "=")]
+        if macro.name in laws and own and asked and not set(asked) & set(own):
+            lines.append(f"{macro.path.name} line {macro.line}: {macro.name} asks for label "
+                         f"{asked[0]}, where there is no contact, and not for "
+                         f"{', '.join(map(str, own))}, where it is: what it says of label "
+                         f"{asked[0]} counts nowhere")
+    return lines
+
+
+def _compared(content: str) -> list[tuple[str, int, str]]:
+    """What a macro compares with numbers, label or region, those, and for what: = or !."""
+    return [(found[1] or found[6], int(found[3] or found[4]), found[2] or found[5]) for found
             in COMPARED.finditer(pitfalls.code_of(content))]
 
 

@@ -15,6 +15,7 @@ from ..march.problem import assemble
 from ..options import Settings
 from ..runs import launch
 from ..runs.request import Request
+from ..scene.compared import asked_elsewhere
 from ..scene.manifest import Manifest, read_manifest
 from ..scene.study_value import Value, read_value
 from ..timing import Laps
@@ -71,7 +72,8 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
         seconds["total"] = sum(seconds.values())
         products = sum(outcome.row["dual_multiplications"] for outcome in outcomes)
         parameters = {n: v for n, v in manifest.parameters.items() if n != request.study}
-        warnings = _grouped(name, request.values, outcomes)
+        warnings = asked_elsewhere(Path(request.script), manifest)
+        warnings += _grouped(name, request.values, outcomes)
         summary = {"scene": request.scene, "study": request.study, "values": len(outcomes),
                    "converged": not failed, "reason": reason,
                    "contact_rows": len(structure.at_contact.row),

@@ -92,7 +92,8 @@ def test_cuts_along_lines_inside_a_body_are_interfaces(exported, named_scene, ma
         sides = np.sort(sub.elements[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
         once = [(sides == np.sort(edge)).all(axis=1).sum() == 1 for edge in sub.edges]
         cuts = sub.edge_label == label
-        assert np.array_equal(cuts, once & ~outer) and (held[sub.node_gid[sub.edges[cuts]]] > 1).all()
+        assert np.array_equal(cuts, once & ~outer)
+        assert (held[sub.node_gid[sub.edges[cuts]]] > 1).all()
         along += np.isin(x[cuts], (0.5, 1.0, 1.5)).sum()
         assert set(sub.edge_label[~cuts & (x == 2)]) <= {9}
     assert along >= 8

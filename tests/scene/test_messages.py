@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from driver.errors import InputError
-from driver.scene import declarations, explain, freefem, grammar, pitfalls, script, size
+from driver.scene import compared, declarations, explain, freefem, grammar, pitfalls, script, size
 from driver.scene.manifest import announced
 from driver.scene.rooms import all_macros
 
@@ -631,7 +631,7 @@ def test_parameters_of_the_library_have_no_doubles(said, name, parameters, words
 
 
 @pytest.mark.parametrize("formula", [
-    "(x > 1. == y > 0.5 ? 0.3 : 0.1)", "(x < 1. != y < 0.5 || label == 4 ? 0.3 : 0.1)",
+    "(x > 1. == y > 0.5 ? 0.3 : 0.1)", "(x < 1. != y < 0.5 || label == 1 ? 0.3 : 0.1)",
     "(x <= 1. || x >= 0. && label != 4 ? 0.3 : 0.1)", "(3 - -1 == label ? 0.3 : 0.1)",
     "(x < 1. ? (y < 1. ? 0.3 : 0.2) : 0.)", "0.3*(x > 0.)*(x < 1.) + 0.1*(k > 0 || x > 0.)",
     "(label == 10*k - 9 ? 0.3 : 0.1)", "(10*k - 9 == label ? 0.3 : 0.1)",
@@ -666,6 +666,24 @@ def test_contact_laws_that_ask_for_a_second_label(said, law, words):
     """They are evaluated on first ones alone, and had been zero without a word."""
     message = said(*ABOVE, ("friction() F", law), parameters={"steps": "2"})
     assert words in message and place(message)
+
+
+@pytest.mark.parametrize("law, words", [
+    ("friction() (label == 3 ? 0.3 : 0.)", "friction asks for label 3, where "
+     "there is no contact, and not for 1, where it is: what it says of label 3 counts nowhere"),
+    ("friction() F //\nmacro glued() (2 == label) //\nmacro cohesion() (glued ? 0.3 : 0.)",
+     "glued asks for label 2, where there is no"),
+    ("friction() F //\nmacro gap() (label == 2 || label == 3 ? 0.1 : 0.)", "gap asks for label 2"),
+    ("friction() (label == 1 ? 0.1 : (label == 2 ? 0.2 : 0.))", ""),
+    ("friction() (label != 2 ? 0.1 : 0.)", "")])
+@pytest.mark.some(3)
+def test_contact_laws_that_ask_for_labels_without_contact_alone(tmp_path, law, words):
+    """A number mistyped is zero everywhere; one of several may have its contact left out."""
+    path = tmp_path / "mine.edp"
+    path.write_text(SCENE.replace("friction() F", law))
+    manifest = freefem.export(path, tmp_path / "export", SMALL)
+    said = compared.asked_elsewhere(path, manifest)
+    assert len(said) == bool(words) and words in "".join(said)
 
 
 def test_laws_that_ask_for_first_labels_and_loads_for_any(tmp_path):
