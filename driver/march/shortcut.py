@@ -40,6 +40,9 @@ AT_ONCE = 400
 PUBLISHED = 300
 FACTORIZATIONS = 6  # that Newton's method may take
 PASSES = 3  # of Newton's method: products show what rounding has left
+# of them where that is about the tolerance, below which it comes now and then, and times that up to
+# which it may be: a pass takes some products, to go on without them hundreds
+MORE, ABOUT = 12, 10.0
 
 
 class Shortcut:
@@ -206,7 +209,7 @@ class Shortcut:
         rows, qp, condensation = self.rows, self.qp, self.condensation
         problem = condensation.problem_by_loads(load)
         condensation.eliminated = True
-        for _ in range(PASSES):
+        for made in range(1, MORE + 1):
             z = one_solution.only_solution(problem, problem.whole(condensation.gather(x)))
             if z is None:
                 return None
@@ -215,10 +218,12 @@ class Shortcut:
             x = condensation.place(contact, x)
             x, gradient = condensation.glued(load.d, x, qp.operator.apply(x) - load.d)
             bound = rows.friction_bound(x)
-            residual = projected_gradient(x, gradient, *rows.limits_at(len(x), bound))
-            if qp.size(residual) <= qp.tol and self.bodies.imbalance(load, x) <= rtol:
+            left = qp.size(projected_gradient(x, gradient, *rows.limits_at(len(x), bound)))
+            if left <= qp.tol and self.bodies.imbalance(load, x) <= rtol:
                 if trace.rated and np.isnan(trace.contraction):
                     trace.rate = contraction(problem, z, WINDOW)
                 return x, gradient, rows.sliding(x, bound)
+            if made >= PASSES and left > ABOUT * qp.tol:
+                break
             problem = condensation.problem(load, x, gradient)
         return None
