@@ -20,7 +20,8 @@ ones, triangle by triangle. Three sizes come of it:
     gross     sum abs int_T d_u : C^-1 d_z        if nothing cancelled
     product   1/2 ||d_u|| ||d_z||                 half of what Cauchy and Schwarz allow
 
-Solved by conjugate gradients with the operator, the rows and the preconditioner of the run, the
+Solved by the contact rows alone where steps have eliminated the gluing rows (frozen_system.py),
+else by conjugate gradients with the operator, the rows and the preconditioner of the run, the
 coupling of Coulomb's law by repetition: ten to twenty-five products each. What a change of the
 contact state adds is of higher order; errors of earlier steps are not in it.
 
@@ -52,8 +53,10 @@ import numpy as np
 
 from ..contact.states import OPEN, SLIP, STICK
 from ..effects import Effects
+from ..errors import NotConverged
 from . import recovery
 from .budget import Part
+from .frozen_system import FrozenSystem
 from .given import of_resultant
 from .torn_body import Gather
 
@@ -126,6 +129,7 @@ class Adjoint:
         self.gather = Gather(self.operator)
         self.quadratic = problem.manifest.element != "P1"
         self._freeze(record.state(step.index - 1)["status"])
+        self.system = self._condensed()
         self.free = self._moved_freely()
         fields = self.operator.deformations(step.multipliers, step.weights)
         self.own = self._deviation(fields, step.weights)
@@ -143,6 +147,16 @@ class Adjoint:
         if rows.coefficient is not None:
             sign = np.sign(x[rows.tangential] * x[rows.pair])
             self.ratio[slides] = (rows.coefficient * sign)[slides]
+
+    def _condensed(self) -> FrozenSystem | None:
+        """That of the state on the contact rows, where steps have eliminated the gluing rows."""
+        condensation = self.solver.condensation
+        if not condensation.eliminated or condensation.elimination is None:
+            return None
+        try:
+            return FrozenSystem(condensation, self.upper > 0, self.ratio)
+        except NotConverged:
+            return None
 
     def sizes(self, names) -> dict[str, Sizes]:
         """Of the quantities among `names` that have an adjoint problem; the same on all ranks."""
@@ -255,11 +269,17 @@ class Adjoint:
 
     def _solve(self, moved: np.ndarray) -> np.ndarray:
         """Multipliers mu (owned,) that take displacements `moved` (owned,) off all free rows."""
-        right, x, qp = self._followed(moved), np.zeros(len(moved)), self.solver.qp
+        right, qp = self._followed(moved), self.solver.qp
+        x = np.zeros(len(moved))
         tolerance = TOLERANCE * qp.size(np.where(self.upper > 0, right, 0.0))
         if tolerance == 0:
             return x
-        coupling, gradient = 0.0, -right
+        if self.system is not None:
+            x = self.system.solution(moved)
+            left = self._followed(self.operator.apply(x)) - right
+            if qp.size(np.where(self.upper > 0, left, 0.0)) <= tolerance:
+                return x
+        x, coupling, gradient = np.zeros(len(moved)), 0.0, -right
         for _ in range(ROUNDS):
             x = qp.linear(right - coupling, (self.lower, self.upper), x, tolerance, gradient).x
             if not self._coupled:

@@ -16,33 +16,46 @@ from ..scene import elements
 
 AT_MIDDLES = 0.5 * (1 - np.eye(3))  # barycentric coordinates
 AT_NODES = np.vstack([np.eye(3), AT_MIDDLES])
+ENDS = np.array([[1, 2], [2, 0], [0, 1]])  # corners of the sides
 ENOUGH = 5  # triangles of a patch: fifteen values for six coefficients
 RINGS = 4  # of triangles round a patch, at most
 
 
-def recovered_stress(corner: np.ndarray, triangles: np.ndarray, region: np.ndarray,
-                     stress: np.ndarray) -> np.ndarray:
-    """(n_t, 6, 3) nodal values of the recovered stress; patches end where the region changes.
+class Patches:
+    """What recovering stresses of quadratic elements takes of a mesh, for any of its stresses."""
 
-    `corner` (n_t, 3, 2), or (n_t, 6, 2) with the middles of curved sides, `triangles` (n_t, 3)
-    untorn, `stress` (n_t, 3 corners, 3) linear on each.
-    """
-    nodal_place, corner = (corner if corner.shape[1] == 6 else AT_NODES @ corner), corner[:, :3]
-    _, first, vertex = np.unique(region[:, None] * (triangles.max() + 1) + triangles,
-                                 return_index=True, return_inverse=True)
-    vertex, place = vertex.reshape(-1, 3), corner.reshape(-1, 2)[first]
-    patch, t = _patches(vertex, len(place))
-    begin, center = np.searchsorted(patch, np.arange(len(place))), place[patch][:, None]
-    size = np.maximum.reduceat(np.linalg.norm(corner[t] - center, axis=2).max(axis=1), begin)
-    basis = _quadratics((nodal_place[t, 3:] - center) / size[patch][:, None, None])
-    normal = np.add.reduceat(basis.transpose(0, 2, 1) @ basis, begin)
-    right = np.add.reduceat(basis.transpose(0, 2, 1) @ (AT_MIDDLES @ stress)[t], begin)
-    fitted = np.linalg.pinv(normal, rcond=1e-10, hermitian=True) @ right
-    nodes = nodal_place[:, None] - place[vertex][:, :, None]  # [triangle, patch, node]
-    nodal = _quadratics(nodes / size[vertex][..., None, None]) @ fitted[vertex]
-    vertices, middles = nodal[:, [0, 1, 2], [0, 1, 2]], nodal[:, :, 3:]
-    means = [(middles[:, (k + 1) % 3, k] + middles[:, (k + 2) % 3, k]) / 2 for k in range(3)]
-    return np.concatenate([vertices, np.stack(means, axis=1)], axis=1)
+    def __init__(self, corner: np.ndarray, triangles: np.ndarray, region: np.ndarray):
+        """Patches end where the `region` (n_t,) changes.
+
+        `corner` (n_t, 3, 2), or (n_t, 6, 2) with the middles of curved sides, `triangles` (n_t, 3)
+        untorn.
+        """
+        middle = corner[:, 3:] if corner.shape[1] == 6 else AT_MIDDLES @ corner
+        corner = corner[:, :3]
+        _, first, vertex = np.unique(region[:, None] * (triangles.max() + 1) + triangles,
+                                     return_index=True, return_inverse=True)
+        self._vertex, place = vertex.reshape(-1, 3), corner.reshape(-1, 2)[first]
+        patch, self._member = _patches(self._vertex, len(place))
+        self._begin = np.searchsorted(patch, np.arange(len(place)))
+        center = place[patch][:, None]
+        extent = np.linalg.norm(corner[self._member] - center, axis=2).max(axis=1)
+        size = np.maximum.reduceat(extent, self._begin)
+        basis = _quadratics((middle[self._member] - center) / size[patch][:, None, None])
+        self._fitting = basis.transpose(0, 2, 1)
+        normal = np.add.reduceat(self._fitting @ basis, self._begin)
+        self._inverse = np.linalg.pinv(normal, rcond=1e-10, hermitian=True)
+        ends = self._vertex[:, ENDS]  # (n_t, 3 sides, 2)
+        self._between = _quadratics((middle[:, :, None] - place[ends]) / size[ends][..., None])
+
+    def smooth(self, stress: np.ndarray) -> np.ndarray:
+        """(n_t, 6, 3) nodal values of the recovered one of a `stress` (n_t, 3 corners, 3) that is
+        linear on every triangle.
+        """
+        right = self._fitting @ (AT_MIDDLES @ stress)[self._member]
+        fitted = self._inverse @ np.add.reduceat(right, self._begin)
+        at_ends = fitted[self._vertex]
+        middles = (self._between[:, :, :, None] @ at_ends[:, ENDS])[:, :, :, 0].mean(axis=2)
+        return np.concatenate([at_ends[:, :, 0], middles], axis=1)
 
 
 def vertex_sums(vertex: np.ndarray, area: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
@@ -129,6 +142,5 @@ def deviation(gather, body, displacements: list[np.ndarray], quadratic: bool,
     elastic = gather((3, 3), float, stress)
     if not gather.root:
         return None
-    sigma, mesh = elastic - thermal, body.mesh
-    smooth = recovered_stress(body.place, mesh.triangles, body.region, sigma)
-    return smooth - AT_NODES @ sigma, elastic
+    sigma = elastic - thermal
+    return body.patches.smooth(sigma) - AT_NODES @ sigma, elastic

@@ -28,8 +28,7 @@ def squares(gather: Gather, body: TornBody | None, displacements: list[np.ndarra
     mesh = body.mesh
     if quadratic:
         sigma = elastic - elements.POINTS @ thermal
-        nodal = recovery.recovered_stress(body.place, mesh.triangles, body.region,
-                                          smooth - thermal)
+        nodal = body.patches.smooth(smooth - thermal)
         recovered = elements.shapes(6, elements.POINTS) @ nodal
     else:
         sigma = elastic - thermal[:, None]

@@ -10,6 +10,7 @@ from ..feti.operator import DualOperator
 from ..scene.elements import areas
 from .edge_mesh import Mesh
 from .equilibration import Chains, chains
+from .recovery import Patches
 
 
 class Gather:
@@ -55,6 +56,11 @@ class TornBody:
     def area(self) -> np.ndarray:
         """(n_t,) areas of the triangles, with their curved sides."""
         return areas(self.place)
+
+    @cached_property
+    def patches(self) -> Patches:
+        """By which stresses of quadratic elements are smoothed."""
+        return Patches(self.place, self.mesh.triangles, self.region)
 
     @cached_property
     def chains(self) -> Chains:

@@ -93,6 +93,38 @@ def test_the_adjoint_is_the_influence_of_more_load(marched, scene, parameters, m
 
 
 
+@pytest.mark.parametrize("scene, parameters", [
+    ("bracket", dict(subdomains=7, steps=2)), ("joint", dict(h=1.6, subdomains=3, steps=1)),
+    ("stack", dict(h=0.25, steps=2))])
+@pytest.mark.some(2)
+def test_frozen_states_are_solved_by_the_contact_rows_alone(marched, monkeypatch, scene,
+                                                            parameters):
+    """Where steps have eliminated the gluing rows: as conjugate gradients do, to their tolerance,
+    without any; also where bodies have no support, and in states that do not hold them.
+    """
+    monkeypatch.setattr(adjoint, "TOLERANCE", 1e-10)
+    monkeypatch.setattr(adjoint, "STILL", 1e-10)
+    monkeypatch.setattr(adjoint, "ROUNDS", 60)
+    problem, record, step = marched(scene, **parameters)
+    solver = record.contact.solver
+    assert solver.condensation.eliminated
+    directly = of(problem, record, step)
+    assert directly.system is not None
+    values = record.quantities()[0]
+    with monkeypatch.context() as forbidden:
+        forbidden.setattr(solver.qp, "linear", None)
+        found = directly.sizes(values)
+    monkeypatch.setattr(solver.condensation, "eliminated", False)
+    iterated = of(problem, record, step)
+    wanted = iterated.sizes(values)
+    assert iterated.system is None and found.keys() == wanted.keys() and len(wanted) >= 3
+    for name, sizes in wanted.items():
+        nothing = 1e-7 * max(abs(values[name]), abs(values[SCALE.get(name, name)]))
+        for part in ("net", "gross", "product"):
+            assert getattr(found[name], part) == pytest.approx(
+                getattr(sizes, part), rel=1e-6, abs=nothing), (name, part)
+
+
 def test_forces_that_balance_the_load_have_no_error(marched):
     """The resultants between stacked blocks are weights and the push: no mesh changes them."""
     problem, record, step = marched("stack", h=0.25, steps=2)

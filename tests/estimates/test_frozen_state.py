@@ -32,6 +32,7 @@ def frozen(status, coefficient=0.5, **operator) -> Adjoint:
                            coefficient=coefficient and np.full(NODES, coefficient))
     x = np.array([2.0, 2, 2, 2, 1, -1, 0.25, 1, 0.5, 0.5])
     of = object.__new__(Adjoint)
+    of.system = None
     of.rows, of.step = rows, SimpleNamespace(index=1, multipliers=x, weights=np.zeros(1))
     of.operator = SimpleNamespace(**{
         "apply": lambda y: F @ y, "dot": np.dot, "minimum": lambda value: value, "owned": OWNED,

@@ -46,8 +46,8 @@ def test_recovered_stresses_hold_quadratics(curved):
         place = place.copy()
         place[:, 3:] += 0.01
     jump = np.array([5.0, -3.0, 2.0]) * region[:, None, None]
-    found = recovery.recovered_stress(place if curved else corner, triangles, region,
-                                      field(corner, 1) + jump)
+    found = recovery.Patches(place if curved else corner, triangles, region).smooth(
+        field(corner, 1) + jump)
     if not curved:
         np.testing.assert_allclose(found, field(place, 1) + jump, atol=1e-11)
     else:  # values of middles belong to places 0.01 beside them
@@ -65,8 +65,8 @@ def test_recovered_stresses_are_of_higher_order():
         middles = recovery.AT_NODES @ corner
         exact = field(middles, 2)
         line = recovery.AT_NODES @ field(corner, 2)
-        found = recovery.recovered_stress(corner, triangles, np.zeros(len(triangles), int),
-                                          field(corner, 2))
+        found = recovery.Patches(corner, triangles, np.zeros(len(triangles), int)).smooth(
+            field(corner, 2))
         errors.append(np.abs(found - exact).max())
         assert np.abs(found - line).max() > 0
     assert errors[1] < errors[0] / 3

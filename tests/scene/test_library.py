@@ -138,6 +138,7 @@ int[int] contactLabels(1);
 real[int] bound(4);
 macro libTurn(Th) //
 macro largeSliding() 1. //
+macro obstacleAsked() 1 //
 macro obstacle(x, y) {phi} //
 include "effects/large_sliding.idp"
 bound = [{box}];
