@@ -1,10 +1,10 @@
 """Runs on other kinds of meshes beside one run, for the price list of its accuracy (prices.py).
 
 A run with linear elements gets companions with quadratic ones on meshes four and eight times as
-coarse, a quadratic one with linear elements on meshes as fine and half as fine; a uniform one a
-companion that is refined once by the error in the energy norm of its coarsest one. They have every
-fourth step of the run. Their errors are bounded from both sides by their distance from the run:
-what their own sequence tells counts only in between.
+coarse, a quadratic one with linear elements on meshes as fine and half as fine, a large one half
+and a quarter as fine; a uniform one a companion that is refined once by the error in the energy
+norm of its coarsest one. They have every fourth step of the run. Their errors are bounded from both
+sides by their distance from the run: what their own sequence tells counts only in between.
 """
 
 import dataclasses
@@ -26,6 +26,9 @@ OTHER = {"P1": "P2", "P2": "P1"}  # P2-mixed: materials in which linear elements
 # by the elements of the other kind, halvings of its meshes from that of the run: quadratic ones
 # have like errors where they are coarser
 HALVINGS = {"P2": (2, 3), "P1": (0, 1)}
+# dofs of a quadratic run from which linear ones are on meshes half and a quarter as fine: to make
+# one as fine as its own takes as long as the run, and coarser ones tell as much there
+LARGE, OF_LARGE = 40_000, (1, 2)
 RATE = 1.0  # order expected where none was observed
 # the same of cycles of adaptive refinement, by degree, if they are like halved sizes. Functionals
 # should gain twice the degree there; on coarse meshes they do not yet
@@ -106,6 +109,8 @@ class Alternatives:
         if element is None:
             return None
         sizes, halvings = [own.sizes[0]], HALVINGS[element]
+        if element == "P1" and self._unknowns() > LARGE:
+            halvings = OF_LARGE
         while len(sizes) <= max(halvings) and (size := coarser(self.knob, sizes[-1])):
             sizes.append(size)
         sizes = [sizes[min(k, len(sizes) - 1)] for k in halvings]

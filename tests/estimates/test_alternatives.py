@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from driver.errors import NotConverged
+from driver.estimates import alternatives
 from driver.estimates.alternatives import ADAPTIVE, RATE, Alternatives
 from driver.estimates.budget import Part
 from driver.estimates.prices import Measured
@@ -96,12 +97,15 @@ def test_the_own_kind_adds_up_distances_of_meshes_in_the_same_steps(meshes):
     assert of.took["P1"] == took
 
 
-@pytest.mark.parametrize("element, other, sizes", [("P1", "P2", [2.0, 4.0]),
-                                                   ("P2", "P1", [0.5, 1.0])])
-def test_the_other_order_is_run_where_its_errors_are_alike(element, other, sizes):
-    """Quadratic elements four and eight times as long, linear ones as long and twice so; between
-    the distance from the run and that and its error whatever their own two meshes say.
+@pytest.mark.parametrize("element, other, sizes, large", [
+    ("P1", "P2", [2.0, 4.0], 0), ("P2", "P1", [0.5, 1.0], 1e9), ("P2", "P1", [1.0, 2.0], 0)])
+def test_the_other_order_is_run_where_its_errors_are_alike(element, other, sizes, large,
+                                                           monkeypatch):
+    """Quadratic elements four and eight times as long, linear ones as long and twice so, of large
+    runs twice and four times; between the distance from the run and that and its error whatever
+    their own two meshes say.
     """
+    monkeypatch.setattr(alternatives, "LARGE", large)
     scene = Scene(element, size=0.5)
     of, kinds = scene.kinds(error=0.01)
     kind = kinds[other]
