@@ -1182,6 +1182,30 @@ def test_a_small_obstacle_is_drawn_whole_with_marks_apart(size, sides):
     assert between.min() > 0.6 * np.linalg.norm(np.diff(marks, axis=1), axis=2).max()
 
 
+def test_an_obstacle_with_no_vertex_in_the_picture_is_drawn_on_its_curve():
+    """A picture of a hundredth of the circle's radius in the middle of one of its 64 sides, of the
+    angle h. Cubics through their ends, along the circle's tangents there and as long as the sides,
+    are off the circle by h^4 / 192, sides by h^2 / 8.
+    """
+    h = 2 * np.pi / 64
+    middle = circle(1, np.array([h / 2]))[0] + [10.5, 0.0]
+    axes = Figure().add_subplot()
+    obstacle.draw_obstacles(axes, round_run(10.5), 0.0, 0.01, 1.0,
+                            middle + 0.005 * np.array([[-1.0], [1.0]]))
+    lines = np.array(axes.collections[0].get_segments())
+    assert np.linalg.norm(lines - middle, axis=2).min() < 0.005
+    assert np.abs(np.linalg.norm(lines - [10.5, 0.0], axis=2) - 1).max() < h**4 / 100
+
+
+def test_a_corner_of_an_obstacle_stays_one():
+    """A square about the picture: its sides are cut, and stay straight."""
+    ends = np.array([[0.0, 0.0], [0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]])
+    start, end = outline.smoothed(ends[:-1], ends[1:], np.arange(4), 0.1, obstacle.CORNER)
+    assert len(start) == 40
+    np.testing.assert_allclose(np.abs(start - 0.5).max(axis=1), 0.5, atol=1e-15)
+    np.testing.assert_allclose(np.roll(start, -1, axis=0), end, atol=1e-15)
+
+
 def test_a_run_without_iterations_has_no_picture_of_them(tmp_path):
     """Without multipliers one solution is all: an empty diagram would say nothing."""
     run = figures.read_run(make_run(tmp_path, steps=1, products=6))
