@@ -16,7 +16,7 @@ VARIES = 1e-3  # of a force by which it varies at least in a loop
 
 
 def cycles(figure: Figure, run: Run) -> None:
-    """Force over displacement in all cycles; work of friction, changes and ways by cycle."""
+    """Force over displacement in all cycles; dissipated energy, changes and ways by cycle."""
     table = run.cycles
     figure.set_figheight(13.5 * INCH)
     (loop, work), (change, way) = figure.subplots(2, 2)
@@ -122,7 +122,7 @@ def _work(axes, run: Run, table: dict) -> None:
     scale = energy_scale(run, table["dissipated"])
     axes.plot(table["cycle"], table["dissipated"] * scale.factor, "o-", color=ORANGE)
     axes.set_ylim(0, 1.1 * scale.factor * table["dissipated"].max() or 1)
-    axes.set(ylabel=f"work of friction [{scale.label}]", title="dissipated in a cycle")
+    axes.set(ylabel=f"dissipated energy [{scale.label}]", title="friction in a cycle")
 
 
 def _changes(axes, table: dict) -> None:

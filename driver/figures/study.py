@@ -43,9 +43,9 @@ def _fill(figure: Figure, summary: dict, table: dict) -> None:
     units = summary["units"]
     forces, peak, zones, energy = figure.subplots(2, 2, sharex=True).ravel()
     plot(forces, "contact force", spelt(1, 1, units),
-         {"pressing, $-R_n$": (-table["resultant_n"], BLUE),
-          "friction, $R_t$": (table["resultant_t"], ORANGE)})
-    plot(peak, "largest pressure", units["stress"], {"": (table["peak_pressure"], BLUE)})
+         {"normal resultant": (-table["resultant_n"], BLUE),
+          "tangential resultant": (table["resultant_t"], ORANGE)})
+    plot(peak, "peak pressure", units["stress"], {"": (table["peak_pressure"], BLUE)})
     plot(zones, "contact nodes", "", {zone: (table[f"nodes_{zone}"], colour)
                                       for zone, colour in STATUS.items()})
     plot(energy, "dissipated energy", spelt(1, 2, units), {"": (table["dissipated"], ORANGE)})

@@ -19,7 +19,7 @@ STUDIES = {"accuracy.csv": "What accuracy costs", "stopping.csv": "Tolerances of
            "family": "Hard cases", "case": "Published cases and closed forms", "part": "Benchmark"}
 CAPTIONS = {
     "report": "Every case with its residuals, its error and its work",
-    "study": "Forces, pressure, states of the contact nodes and work of friction",
+    "study": "Forces, pressure, states of the contact nodes and dissipated energy",
     "work_precision": "Errors of all runs over seconds of the solver; the Pareto front below",
     "products": "Products with F beside a tenth of the slides', and without an ingredient",
     "table": "Products with F, the dual operator, in 20 steps, beside the slides'",

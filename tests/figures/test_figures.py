@@ -707,8 +707,8 @@ def test_history_shows_forces_per_thickness_and_iterations(drawn, run):
     pressing = forces[0].lines[0].get_ydata()
     np.testing.assert_allclose(pressing, -1e-6 * run.history["resultant_n"])
     assert pressing.max() > 0
-    assert length.get_ylabel() == "length in\ncontact\n[m]"
-    assert work.get_ylabel() == "work of\nfriction\n[kJ/m]"
+    assert length.get_ylabel() == "contact\nlength\n[m]"
+    assert work.get_ylabel() == "dissipated\nenergy\n[kJ/m]"
     heights = [axes.get_position().height for axes in figure.axes]
     assert heights[0] > 3 * heights[-1]  # physics first
     assert [p.get_height() for p in iterations.patches] == [6] * 20
@@ -716,11 +716,11 @@ def test_history_shows_forces_per_thickness_and_iterations(drawn, run):
 
 
 def test_forces_of_several_boundaries_are_called_sums(run, drawn):
-    assert legend_words(drawn["history"]) == ["pressing force", "tangential force"]
+    assert legend_words(drawn["history"]) == ["normal resultant", "tangential resultant"]
     several = run.summary | {"boundaries": [{"boundary": 1}, {"boundary": 3}]}
     figure = figures.compose("history", dataclasses.replace(run, summary=several))
     assert legend_words(figure) == [f"{force}, sum over 2 boundaries" for force in (
-        "pressing force", "tangential force")]
+        "normal resultant", "tangential resultant")]
 
 
 @pytest.mark.slow  # two figures
