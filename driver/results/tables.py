@@ -125,8 +125,8 @@ CYCLES = (
            "largest contact force; 1 in the first cycle"),
     Column("remaining", "1", "estimated further change by the cycles to come, by a geometric "
            "series; at most 1, which also stands where four cycles are not enough to tell"),
-    Column("slip", "length", "longest way that a node slides in the cycle, of those that no support "
-           "holds along the boundary"),
+    Column("slip", "length", "longest way that a node slides in the cycle, of those that no "
+           "support holds along the boundary"),
     Column("drift", "length", "largest change of a node's u_t over the cycle"),
     Column("wear", "length", "largest growth of the worn depth"),
     Column("dissipated", ENERGY, "work that friction takes in the cycle"),
