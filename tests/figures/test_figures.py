@@ -1351,6 +1351,37 @@ def test_the_animation_has_a_frame_a_step_all_alike(tmp_path):
 
 
 @pytest.mark.slow
+def test_the_animation_has_room_for_an_obstacle_wherever_it_goes(tmp_path, monkeypatch):
+    """A circle rises from below the block to its side: axes are the same in all pictures, which
+    had been cut to the size of the first one.
+    """
+    directory = make_run(tmp_path, steps=2, scene="own", products=6)
+    tables = [round_run(2.0).obstacle for _ in range(3)]
+    for step, table in enumerate(tables):
+        table["step"] = np.full(64, step)
+        for y in ("y0", "y1"):
+            table[y] = table[y] + step - 1.5
+    obstacles = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
+    run = dataclasses.replace(figures.read_run(directory), obstacle=obstacles)
+    monkeypatch.setattr(animation, "read_run", lambda of: run)
+    drawn, pictures = animation._frame, []  # pylint: disable=protected-access
+    monkeypatch.setattr(animation, "_frame",
+                        lambda *given: pictures.append(drawn(*given)) or pictures[-1])
+    animation.draw_animation(directory)
+    assert len(pictures) == 3 and len({picture.size for picture in pictures}) == 1
+
+
+def test_frames_of_unlike_heights_stand_on_the_same_ground():
+    """One with a heading of another line: nothing below it is cut or moves."""
+    pictures = [Image.new("RGB", (8, height), "white") for height in (10, 12)]
+    for picture in pictures:
+        picture.putpixel((3, picture.height - 1), (0, 0, 0))
+    frames = animation._alike(pictures)  # pylint: disable=protected-access
+    assert [frame.size for frame in frames] == [(8, 12), (8, 12)]
+    assert [np.asarray(frame.convert("RGB"))[11, 3].max() < 9 for frame in frames] == [True, True]
+
+
+@pytest.mark.slow
 def test_long_histories_are_thinned_and_runs_without_fields_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(animation, "MOST", 3)
     directory = make_run(tmp_path, steps=5, products=6)
