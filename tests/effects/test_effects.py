@@ -304,6 +304,11 @@ def test_ledger_of_a_run(solved):
     assert not found["body_force"]["declared"] and not found["gap"]["declared"]
 
 
+def test_a_history_is_called_what_a_scene_calls_it():
+    ledger = {"time": {"declared": True, "active": False, "reason": "one step was taken"}}
+    assert never_mattered(ledger) == ["quasistatic is declared but one step was taken"]
+
+
 @pytest.mark.slow  # two whole runs
 def test_screen_says_what_never_mattered(command, tmp_path):
     text = MODEL.read_text().replace('include "export.idp"',
