@@ -224,7 +224,7 @@ def test_effects_that_never_mattered(nodes, sentences):
 @pytest.mark.parametrize("nodes, active, reason", [
     (counted([9, 8], [0, 1], [0, 0]), True, "nodes that touched: 1 at most"),
     (counted([9, 8], [0, 0], [0, 1]), True, "nodes that touched: 1 at most"),
-    (counted([5, 5, 9], [1, 3, 0], [3, 2, 0]), True, "nodes that touched: 5 at most"),  # at one time
+    (counted([5, 5, 9], [1, 3, 0], [3, 2, 0]), True, "nodes that touched: 5 at most"),  # once
     (counted([9, 9], [0, 0], [0, 0]), False, "nothing touched"),
     (counted([], [], []), None, "no step was kept"),
 ])
