@@ -30,8 +30,9 @@ class Quantity:
 
 QUANTITIES = {
     "peak_pressure": Quantity(
-        (1, 0), LOCAL, "largest contact pressure, between nodes by the parabola through three; of "
-        "bilateral contact the largest abs(sigma_n)", caution=1.6, limit=False),
+        (1, 0), LOCAL, "largest contact pressure, between nodes by the parabola through three, "
+        "with linear elements at ends of the boundary continued from inside; of bilateral "
+        "contact the largest abs(sigma_n)", caution=1.6, limit=False),
     "normal_resultant": Quantity(
         (1, 1), LINEAR, "contact pressure summed over the contact boundary", caution=1.2,
         summed=True),

@@ -50,6 +50,14 @@ def counted(number: int, name: str) -> str:
     return f"{number} {name}" if number == 1 else f"{number} {name}s"
 
 
+def ends(lines) -> str:
+    """Lines in one; of more than two the first and the last, and how many there are between."""
+    shown_lines = list(lines)
+    if len(shown_lines) > 2:
+        shown_lines[1:-1] = [f"{len(shown_lines) - 2} more"]
+    return "; ".join(shown_lines)
+
+
 def assignments(settings: dict) -> str:
     """Settings as on the command line: NAME=value NAME=value."""
     return " ".join(f"{name.upper()}={value}" for name, value in settings.items())

@@ -69,7 +69,7 @@ class RunFacts:
         if not self.steps:
             return None, NO_STEP
         count = self.most(*states)
-        return (True, f"{count} nodes {did} at most") if count else (False, f"nothing {did}")
+        return bool(count), f"nodes that {did}: {count} at most" if count else f"nothing {did}"
 
 
 def entry(active: bool | None, reason: str, unknowns: int = 0,

@@ -298,7 +298,7 @@ def warnings(manifest, motion=None) -> list[str]:
     """
     lines = [f"{name} departs by {100 * size:.0f} % of its largest value from the steps, most at "
              f"time {time:.4g}: they miss where the obstacle is there; "
-             "more STEPS, or stepTimes without STEPS, follow it better"
+             "more STEPS follow it better, at kinks stepTimes without STEPS"
              for name, (size, time) in (of_obstacles(motion, manifest.steps) if motion
                                         else {}).items() if size > NOTICEABLE]
     for d in departures(manifest):

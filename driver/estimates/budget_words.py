@@ -18,10 +18,10 @@ def advice(quantities: dict, remedies: dict[str, str], doubtful=()) -> str:
     name = main_quantity(quantities)
     entry = quantities[name]
     parts = {source: entry[source] for source in SOURCES if source in entry}
-    unknown = [source for source, error in parts.items() if error is None]
+    missing = [source for source, error in parts.items() if error is None]
     words = name.replace("_", " ")
-    if unknown:
-        sources = " and ".join(SOURCES[source] for source in unknown)
+    if missing:
+        sources = " and ".join(SOURCES[source] for source in missing)
         return f"the error of the {words} from {sources} is not known"
     largest = max(parts, key=parts.get)
     if entry["relative"] is not None and entry["relative"] < 1e-5:
@@ -72,6 +72,16 @@ def of_sums(names, boundaries: int) -> list[str]:
             f"passes through {both} of them counts at each (boundaries.csv has each by itself)"]
 
 
+def unknown(budget: dict) -> list[str]:
+    """Why errors of a `budget` are not known, a line a reason with the quantities that it is of."""
+    reasons: dict[str, list[str]] = {}
+    for name, entry in budget.items():
+        if "note" in entry:
+            reasons.setdefault(entry["note"], []).append(name.replace("_", " "))
+    return [f"?, {'all of them' if len(names) == len(budget) > 1 else ', '.join(names)}: {reason}"
+            for reason, names in reasons.items()]
+
+
 def describe(errors: dict, units: dict, time: float | None = None,
              boundaries: int = 1) -> list[str]:
     """The budget as lines of a table, then the error in the energy norm.
@@ -96,10 +106,10 @@ def describe(errors: dict, units: dict, time: float | None = None,
             lines.append(f"{heads[name]:{width}s}{'about 0':>12s}{error}")
             continue
         cells = [share(entry[s], entry["value"]) if s in entry else "" for s in (*sources, "total")]
-        note = f"  {entry['note']}" if "note" in entry and entry["total"] is None else ""
         lines.append(f"{heads[name]:{width}s}{entry['value']:12.4g}"
-                     + "".join(f"{cell:>11s}" for cell in cells) + note)
-    return [*lines, *of_sums(budget, boundaries), errors["advice"], *errors["notes"], *energy]
+                     + "".join(f"{cell:>11s}" for cell in cells))
+    return [*lines, *unknown(budget), *of_sums(budget, boundaries), errors["advice"],
+            *errors["notes"], *energy]
 
 
 def _about(error: float, norm: float) -> str:

@@ -86,7 +86,7 @@ PRESSING = 3  # nodes that press on a round boundary: fewer have but one normal
 FEWEST = {"P1": 5}  # nodes in contact that tell something of it: those of four sides ...
 QUADRATIC = 7  # ... or three, of quadratic elements
 OF_TWO = "two meshes say nothing of it"
-GRAZES = "the mesh is too coarse: it may touch"
+GRAZES = "too coarse: it may touch"
 # half of what the strongest stresses of one material leave: by chance rather than an order; adjoint
 # problems, which see the stresses themselves, then speak alone
 NO_ORDER = UNSETTLED / 2

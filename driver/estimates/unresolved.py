@@ -23,7 +23,7 @@ APART = 1.0  # change of a quantity to the next mesh over the quantity itself, o
 BLIND = 0.25  # smoothed stresses' error in energy over its bound; that is 2.6 times the true one
 # at most in the tests, so that two thirds of the error are all that they see
 OPENS = 1.5  # power of the size of elements with which the next node opens: a corner 1, a curve 2
-OWN = "the mesh is too coarse: it may be nothing but its own error"
+OWN = "too coarse: it may be nothing but its own error"
 STICKS = "no node slides on this mesh"
 PLACED = ("displacement",)  # which nodes in contact do not make
 OF_SLIP = ("slip", "dissipated_energy")
@@ -93,7 +93,7 @@ def parts(values: dict, error: float, touch: Touch, element: str, adjoint: bool,
     if unseen:
         reason, spared = "smoothed stresses miss most of its error in energy", PLACED
     names = [name for name in values if reason and name not in spared]
-    return dict.fromkeys(names, Part(None, note=f"the mesh is too coarse: {reason}"))
+    return dict.fromkeys(names, Part(None, note=f"too coarse: {reason}"))
 
 
 def alike(runs: list) -> list:

@@ -7,7 +7,7 @@ from PIL import Image, ImageColor
 
 from ..errors import InputError
 from ..files import renamed
-from .body import draw_deformed, magnification, status_nodes
+from .body import draw_deformed, magnification, obstacles_room, status_nodes
 from .reading import Run, field_files, read_mesh, read_run
 from .style import STATUS, canvas
 
@@ -33,7 +33,8 @@ def draw_animation(directory: Path) -> Path:
     top = max(np.percentile(mesh.von_mises, 99.5) for mesh in meshes)
     moved = np.concatenate([mesh.xy + times * mesh.displacement for mesh in meshes])
     box = np.array([moved.min(axis=0), moved.max(axis=0)])
-    frames = [_frame(run, mesh, times, float(top), box) for mesh in meshes]
+    room = obstacles_room(run, meshes, times, box)
+    frames = _alike([_frame(run, mesh, times, float(top), box, room) for mesh in meshes])
     (directory / "figures").mkdir(exist_ok=True)
     path = directory / "figures" / NAME
     each = round(1000 * DURATION / len(frames))
@@ -43,14 +44,25 @@ def draw_animation(directory: Path) -> Path:
     return path
 
 
-def _frame(run: Run, mesh, times: float, top: float, box: np.ndarray) -> Image.Image:
+def _frame(run: Run, mesh, times: float, top: float, box: np.ndarray,
+           room: np.ndarray | None) -> Image.Image:
     """The picture of one step."""
     figure = canvas(lambda figure: draw_deformed(figure, run, mesh, times, top, box,
-                                                 status_nodes), 12)
+                                                 status_nodes, room), 12)
     figure.set_dpi(DPI)
     figure.canvas.draw()
-    picture = Image.fromarray(np.asarray(figure.canvas.buffer_rgba())).convert("RGB")
-    return _quantized(picture)
+    return Image.fromarray(np.asarray(figure.canvas.buffer_rgba())).convert("RGB")
+
+
+def _alike(pictures: list[Image.Image]) -> list[Image.Image]:
+    """The pictures as frames of one size: what is below the headings stays where it is."""
+    width, height = (max(sizes) for sizes in zip(*(picture.size for picture in pictures)))
+    frames = []
+    for picture in pictures:
+        frame = Image.new("RGB", (width, height), "white")
+        frame.paste(picture, (0, height - picture.height))
+        frames.append(_quantized(frame))
+    return frames
 
 
 def _quantized(picture: Image.Image) -> Image.Image:

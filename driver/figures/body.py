@@ -19,7 +19,7 @@ from .layout import map_axes, run_header, shrink_to_body
 from .obstacle import draw_obstacles, draw_planes, pieces, rigid_rows
 from .outline import outer, place_inside
 from .reading import Mesh, Run, select
-from .scales import round_magnification, stress_scale
+from .scales import length_scale, round_magnification, stress_scale
 from .style import INK, RED, STATUS, literal, status_name
 
 SHOWN = 0.08  # largest displacement in the picture over the body's size
@@ -91,12 +91,12 @@ def deformed(figure: Figure, run: Run) -> None:
 
 
 def draw_deformed(figure: Figure, run: Run, mesh: Mesh, times: float, top: float | None = None,
-                  box: np.ndarray | None = None, more=None) -> None:
+                  box: np.ndarray | None = None, more=None, room: np.ndarray | None = None) -> None:
     """The picture of one step, magnified `times`.
 
     `top` is the highest stress of the colours and `box` (2, 2) the lower and upper ends of what is
     shown, by default those of the step. `more`(axes, run, mesh, moved) draws and gives legend
-    entries.
+    entries. `room` (2, 2) is what obstacles take in all pictures alike, from `obstacles_room`.
     """
     axes, scale = map_axes(figure, run, mesh.xy)
     size = np.ptp(mesh.xy, axis=0).max() * scale.factor
@@ -111,6 +111,8 @@ def draw_deformed(figure: Figure, run: Run, mesh: Mesh, times: float, top: float
     if box is not None:
         low, high = box * scale.factor
         axes.update_datalim([low - 0.05 * size, high + 0.05 * size])
+        if room is not None:
+            axes.update_datalim(room)
         axes.autoscale_view()
     extent = np.ptp(moved if box is None else box, axis=0)
     wide = extent[0] > 1.3 * extent[1]
@@ -119,6 +121,19 @@ def draw_deformed(figure: Figure, run: Run, mesh: Mesh, times: float, top: float
     run_header(figure, run, title, handles, _overlapping(run))
     shrink_to_body(figure, axes)
     _name_materials(axes, run, mesh, moved)
+
+
+def obstacles_room(run: Run, meshes: list[Mesh], times: float,
+                   box: np.ndarray) -> np.ndarray | None:
+    """Lower and upper ends (2, 2) of what is drawn of obstacles beside all `meshes`, in the unit of
+    the pictures; None where there are none. The other arguments are those of `draw_deformed`.
+    """
+    axes, xy = Figure().add_subplot(), meshes[0].xy
+    factor = length_scale(run, xy).factor
+    size = np.ptp(xy, axis=0).max() * factor
+    for mesh in meshes:
+        draw_obstacles(axes, run, mesh.time, size, factor, box * factor, times=times)
+    return axes.dataLim.get_points() if axes.collections else None
 
 
 def _plural(mesh: Mesh) -> str:

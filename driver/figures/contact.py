@@ -178,7 +178,7 @@ def in_parts(rows: dict) -> dict:
 def normal_stress(axes, rows: dict, arc: np.ndarray, scale: Scale) -> list:
     """sigma_n over arc."""
     axes.set_ylabel(rf"$\sigma_n$ [{scale.label}]")
-    lines = axes.plot(arc, rows["sigma_n"] * scale.factor, color=RED, label=r"stress $\sigma_n$",
+    lines = axes.plot(arc, rows["sigma_n"] * scale.factor, color=RED, label=r"traction $\sigma_n$",
                       **curve_style(len(arc)))
     return lines + _theory(axes, rows, "sigma_n", arc, scale)
 
@@ -210,8 +210,9 @@ def tangential_stress(axes, rows: dict, arc: np.ndarray, scale: Scale) -> list:
     axes.set_ylabel(rf"$\sigma_t$ [{scale.label}]")
     axes.plot(arc, -bound, color=INK, ls=(0, (4, 2)), lw=1.0)
     return (axes.plot(arc, bound, color=INK, ls=(0, (4, 2)), lw=1.0, label=r"bound $\pm g$")
-            + axes.plot(arc, rows["sigma_t"] * scale.factor, color=RED, label=r"stress $\sigma_t$",
-                        **curve_style(len(arc))) + _theory(axes, rows, "sigma_t", arc, scale))
+            + axes.plot(arc, rows["sigma_t"] * scale.factor, color=RED,
+                        label=r"traction $\sigma_t$", **curve_style(len(arc)))
+            + _theory(axes, rows, "sigma_t", arc, scale))
 
 
 def tangential_displacement(axes, rows: dict, arc: np.ndarray, scale: Scale) -> list:
@@ -222,14 +223,14 @@ def tangential_displacement(axes, rows: dict, arc: np.ndarray, scale: Scale) -> 
 
 
 def contact_normal(figure: Figure, run: Run) -> None:
-    """Normal stress and displacement along the contact boundaries at the time of the quantities."""
-    contact_panels(figure, run, r"Normal stress and displacement on $\Gamma_c$",
+    """Normal traction and displacement on the contact boundaries, at the quantities' time."""
+    contact_panels(figure, run, r"Normal traction and displacement on $\Gamma_c$",
                    (normal_stress, normal_displacement))
 
 
 def contact_tangential(figure: Figure, run: Run) -> None:
-    """Tangential stress, its bound and tangential displacement at the time of the quantities."""
-    contact_panels(figure, run, r"Tangential stress and displacement on $\Gamma_c$",
+    """Shear traction, its bound and tangential displacement at the time of the quantities."""
+    contact_panels(figure, run, r"Shear traction and displacement on $\Gamma_c$",
                    (tangential_stress, tangential_displacement))
 
 

@@ -16,7 +16,7 @@ VARIES = 1e-3  # of a force by which it varies at least in a loop
 
 
 def cycles(figure: Figure, run: Run) -> None:
-    """Force over displacement in all cycles; work of friction, changes and ways by cycle."""
+    """Force over displacement in all cycles; dissipated energy, changes and ways by cycle."""
     table = run.cycles
     figure.set_figheight(13.5 * INCH)
     (loop, work), (change, way) = figure.subplots(2, 2)
@@ -45,7 +45,7 @@ def _force_and_way(run: Run) -> tuple[str, np.ndarray, np.ndarray, np.ndarray]:
 
     That of the probe whose force does most work, or the shear force and the mean displacement u_t
     of the boundary with most of it; where such forces are constant, shear force and u_t of the node
-    that moves most.
+    that moves most. Where obstacles move the way in place of u_t is that of `_way`.
     """
     probes = [(f"force and displacement of {name.replace('label', 'label ')}, "
                f"${coordinate(run, axis)}$",
@@ -55,22 +55,46 @@ def _force_and_way(run: Run) -> tuple[str, np.ndarray, np.ndarray, np.ndarray]:
     for label, rows in contact_boundaries(run.contact):
         steps, place = np.unique(rows["step"], return_inverse=True)
         weight = np.bincount(place, rows["weight"])
-        own.append((f"shear force and mean $u_t$ of the contact boundary {label or ''}".strip(),
-                    steps, np.bincount(place, rows["weight"] * rows["u_t"]) / weight,
+        named = f"shear force and mean {_named(run)} the contact boundary {label or ''}".strip()
+        own.append((named, steps,
+                    np.bincount(place, rows["weight"] * _way(run, rows)) / weight,
                     np.bincount(place, rows["weight"] * rows["sigma_t"])))
     vary = [curve for curve in probes or own
             if np.ptp(curve[3]) > VARIES * np.abs(curve[3]).max()]
-    return max(vary or [_one_node(run.contact)], key=lambda c: np.ptp(c[2]) * np.ptp(c[3]))
+    return max(vary or [_one_node(run)], key=lambda c: np.ptp(c[2]) * np.ptp(c[3]))
 
 
-def _one_node(contact: dict) -> tuple[str, np.ndarray, np.ndarray, np.ndarray]:
+def _slides(run: Run) -> bool:
+    """Whether obstacles move: what slides is not the body alone."""
+    return bool(run.summary["effects"].get("obstacle_motion"))
+
+
+def _named(run: Run) -> str:
+    """What `_way` is, in words."""
+    return "way of the other side past" if _slides(run) else "$u_t$ of"
+
+
+def _way(run: Run, rows: dict) -> np.ndarray:
+    """Displacement u_t of each of the rows, nodes step by step.
+
+    Where obstacles move it is by how much what the node meets has gone past it so far, so that
+    loops have the area of the work that friction takes.
+    """
+    if not _slides(run):
+        return rows["u_t"]
+    steps = len(np.unique(rows["step"]))
+    return -np.cumsum(rows["slip"].reshape(steps, -1), axis=0).ravel()
+
+
+def _one_node(run: Run) -> tuple[str, np.ndarray, np.ndarray, np.ndarray]:
     """The same of the node whose force and slip do most work."""
+    contact = run.contact
     way = np.bincount(contact["node"].astype(int), np.abs(
         contact["slip"] * contact["sigma_t"] * contact["weight"]))
     rows = select(contact, contact["node"] == way.argmax())
     place = f"({rows['x'][0]:.4g}, {rows['y'][0]:.4g})"
-    return (f"shear force and $u_t$ of the contact node at {place}", rows["step"], rows["u_t"],
-            rows["weight"] * rows["sigma_t"])
+    return (f"shear force and {_named(run)} the contact node at {place}", rows["step"],
+            _way(run, rows), rows["weight"] * rows["sigma_t"])
 
 
 def _loop(axes, run: Run, table: dict) -> str:
@@ -98,7 +122,7 @@ def _work(axes, run: Run, table: dict) -> None:
     scale = energy_scale(run, table["dissipated"])
     axes.plot(table["cycle"], table["dissipated"] * scale.factor, "o-", color=ORANGE)
     axes.set_ylim(0, 1.1 * scale.factor * table["dissipated"].max() or 1)
-    axes.set(ylabel=f"work of friction [{scale.label}]", title="dissipated in a cycle")
+    axes.set(ylabel=f"dissipated energy [{scale.label}]", title="friction in a cycle")
 
 
 def _changes(axes, table: dict) -> None:

@@ -19,7 +19,7 @@ DASHES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)))
 STAGES = {"export": "#BBBBBB", "read": "#777777", "setup": ORANGE, "solve": BLUE, "output": GREEN}
 HEADINGS = {  # of the changes at the end of the run
     "peak_normal": "peak\n$|\\sigma_n|$", "peak_tangential": "peak\n$|\\sigma_t|$",
-    "resultant_n": "total\n$|R_n|$", "resultant_t": "total\n$|R_t|$",
+    "resultant_n": "normal\nforce", "resultant_t": "shear\nforce",
     "contact_length": "contact\nlength", "largest_slip": "largest\nslip",
     "dissipated": "friction\nenergy", "max_displacement": "largest\n$|u|$"}
 
@@ -77,7 +77,7 @@ def _tractions(panels: list, curves: dict[str, dict], names: list[str]) -> None:
     most = max(load, key=load.get)
     shown = {name: dict(contact_boundaries(curve))[most] for name, curve in curves.items()}
     along = scale_for(full["length_unit"][0], full["arc"])
-    for panel, column, title in zip(panels, ("sigma_n", "sigma_t"), ("normal", "tangential")):
+    for panel, column, title in zip(panels, ("sigma_n", "sigma_t"), ("normal", "shear")):
         values, weight = (np.concatenate([rows[n] for rows in shown.values()])
                           for n in (column, "weight"))
         stress = scale_for(full["stress_unit"][0], _spread(np.abs(values), weight, 0.95)[1])

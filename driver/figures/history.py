@@ -71,18 +71,18 @@ def load_histories(run: Run) -> dict[str, dict]:
 
 
 def history(figure: Figure, run: Run) -> None:
-    """Contact forces, length in contact, work of friction; iterations of the fixed point, if there
+    """Contact forces, contact length, dissipated energy; iterations of the fixed point, if there
     were some, small.
 
-    Pressing forces are positive. A tangential force that is small beside them has its own panel,
+    Normal resultants are positive. A tangential one that is small beside them has its own panel,
     unless it is what tolerances leave: that is drawn as zero.
     """
     table = run.history
     boundaries = len(run.summary.get("boundaries", []))
     summed = f", sum over {boundaries} boundaries" if boundaries > 1 else ""
-    forces = [(f"pressing force{summed}", RED, "o", -table["resultant_n"])]
+    forces = [(f"normal resultant{summed}", RED, "o", -table["resultant_n"])]
     if run.friction:
-        forces.append((f"tangential force{summed}", BLUE, "s", table["resultant_t"]))
+        forces.append((f"tangential resultant{summed}", BLUE, "s", table["resultant_t"]))
     largest = np.array([np.abs(values).max() for *_, values in forces])
     share = largest.min() / (largest.max() or 1.0)
     together = [[force] for force in forces] if NOTHING < share <= FAINT else [forces]
@@ -94,10 +94,10 @@ def history(figure: Figure, run: Run) -> None:
     rest, handles = iter(panels), []
     for group in together:
         handles += _forces(next(rest), run, table["time"], group)
-    _over_time(next(rest), table, "contact_length", length_scale, run, "length in\ncontact")
+    _over_time(next(rest), table, "contact_length", length_scale, run, "contact\nlength")
     if run.friction:
         rounding = IDLE * largest.max() * table["max_displacement"].max()
-        _over_time(next(rest), table, "dissipated", energy_scale, run, "work of\nfriction",
+        _over_time(next(rest), table, "dissipated", energy_scale, run, "dissipated\nenergy",
                    rounding)
     if iterations:
         _iterations(next(rest), table)

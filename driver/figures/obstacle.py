@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.collections import LineCollection
 
 from ..vectors import turned_left
-from .outline import chains, right_of, sample, shifted
+from .outline import chains, right_of, sample, shifted, smoothed
 from .reading import Run, select
 from .style import INK
 
@@ -21,6 +21,7 @@ ROUND = 4  # marks of a curved obstacle are those of a body at most so many time
 STRAIGHT = 1.2  # length of an obstacle over its extent up to which its marks do not meet
 STEEP = 0.87  # sine of the angle between surface and nodes, from which its ends are not drawn
 CORNER = 0.83  # cosine between normals of nodes in a row, below which a corner is between them
+FINE = 0.1  # of the body's size: longest side of a smooth obstacle in a picture
 BREAK = 0.5  # relative difference of distance and arc where a new piece begins
 
 
@@ -86,7 +87,7 @@ def draw_obstacles(axes, run: Run, time: float, size: float, factor: float, box:
                   for x, y in (("x0", "y0"), ("x1", "y1")))
     start, end = shifted(start, end, away)
     for part in _shown(start, end, size, box):
-        here = start[part], end[part]
+        here = smoothed(start, end, part, FINE * size, CORNER)
         axes.add_collection(LineCollection(np.stack(here, axis=1), colors=INK, linewidths=0.8))
         hatch(axes, *here, right_of(*here), marks_size(*here, size), INK)
 
@@ -107,10 +108,11 @@ def where_it_goes(run: Run, box: np.ndarray) -> np.ndarray:
 
 
 def _shown(start: np.ndarray, end: np.ndarray, size: float, box: np.ndarray) -> list[np.ndarray]:
-    """Edges of every connected curve that are drawn: all of a small one, else those near the box.
+    """Edges of every connected curve that are drawn: all of a small one, else those near the box,
+    also where both their ends are beyond it.
     """
     low, high = box[0] - NEAR * size, box[1] + NEAR * size
-    near = np.any([((low < ends) & (ends < high)).all(axis=1) for ends in (start, end)], axis=0)
+    near = ((np.minimum(start, end) < high) & (np.maximum(start, end) > low)).all(axis=1)
     found = []
     for chain in map(np.array, chains(start, end)):
         extent = np.ptp(np.concatenate([start[chain], end[chain]]), axis=0).max()

@@ -1,5 +1,7 @@
 """Geometry of boundary edges: their direction, the chains they form, points spread along them."""
 
+import math
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -17,12 +19,47 @@ def shifted(start: np.ndarray, end: np.ndarray, away: float) -> tuple[np.ndarray
     """Directed edges moved by `away` to their right; those that follow one another still meet."""
     out = right_of(start, end)
     first, last = out.copy(), out.copy()
+    one, other = _following(start, end)
+    both = out[one] + out[other]
+    last[one] = first[other] = both / np.maximum(
+        np.linalg.norm(both, axis=1, keepdims=True), 1e-9)
+    return start + away * first, end + away * last
+
+
+def _following(start: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers (k,) of the edges that another one follows, and of these others."""
+    pairs = []
     for chain in map(np.array, chains(start, end)):
         closed = np.allclose(start[chain[0]], end[chain[-1]], rtol=0, atol=1e-6 * np.ptp(start))
-        for one, other in zip(chain, np.append(chain[1:], chain[:closed])):
-            last[one] = first[other] = (out[one] + out[other]) / max(
-                np.linalg.norm(out[one] + out[other]), 1e-9)
-    return start + away * first, end + away * last
+        pairs += zip(chain, np.append(chain[1:], chain[:closed]))
+    one, other = np.array(pairs, dtype=int).reshape(-1, 2).T
+    return one, other
+
+
+def smoothed(start: np.ndarray, end: np.ndarray, part: np.ndarray, longest: float,
+             corner: float) -> tuple[np.ndarray, np.ndarray]:
+    """The edges `part` cut to at most the `longest` length, on a smooth curve through their ends.
+
+    Its tangent at a vertex is that of the circle through it and its neighbours, but where the
+    cosine between two edges is below `corner` those of the edges.
+    """
+    edge = end - start
+    length = np.linalg.norm(edge, axis=1, keepdims=True)
+    number = math.ceil(length[part].max() / longest)
+    if number == 1:
+        return start[part], end[part]
+    along = edge / length
+    first, last = along.copy(), along.copy()
+    one, other = _following(start, end)
+    smooth = (along[one] * along[other]).sum(axis=1) > corner
+    one, other = one[smooth], other[smooth]
+    both = along[one] / length[one] + along[other] / length[other]
+    last[one] = first[other] = both / np.linalg.norm(both, axis=1, keepdims=True)
+    s = np.linspace(0, 1, number + 1)[:, None, None]
+    points = (start[part] + s**2 * (3 - 2 * s) * edge[part]
+              + s * (1 - s) * length[part] * ((1 - s) * first[part] - s * last[part]))
+    points = points.transpose(1, 0, 2)
+    return points[:, :-1].reshape(-1, 2), points[:, 1:].reshape(-1, 2)
 
 
 def outward_edges(boundary: dict) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

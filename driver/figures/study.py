@@ -43,11 +43,14 @@ def _fill(figure: Figure, summary: dict, table: dict) -> None:
     units = summary["units"]
     forces, peak, zones, energy = figure.subplots(2, 2, sharex=True).ravel()
     plot(forces, "contact force", spelt(1, 1, units),
-         {"pressing, $-R_n$": (-table["resultant_n"], BLUE),
-          "friction, $R_t$": (table["resultant_t"], ORANGE)})
-    plot(peak, "largest pressure", units["stress"], {"": (table["peak_pressure"], BLUE)})
-    plot(zones, "contact nodes", "", {zone: (table[f"nodes_{zone}"], colour)
-                                      for zone, colour in STATUS.items()})
+         {"normal resultant": (-table["resultant_n"], BLUE),
+          "tangential resultant": (table["resultant_t"], ORANGE)})
+    plot(peak, "peak pressure", units["stress"], {"": (table["peak_pressure"], BLUE)})
+    states = {zone: (table[f"nodes_{zone}"], colour) for zone, colour in STATUS.items()}
+    occurring = {zone: curve for zone, curve in states.items() if curve[0].any()}
+    plot(zones, "contact nodes", "", occurring or states)  # lines of zeros hide one another
+    zones.update_datalim([(values[0], 0.0)] if numbers else [(0.0, 0.0)])
+    zones.autoscale_view()
     plot(energy, "dissipated energy", spelt(1, 2, units), {"": (table["dissipated"], ORANGE)})
     for axes in (forces, zones):
         axes.legend(frameon=False)

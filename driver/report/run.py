@@ -6,7 +6,7 @@ from pathlib import Path
 from ..estimates import price_words
 from ..estimates.budget import vanishing
 from ..estimates.budget_words import (SOURCES, describe_energy, earlier, of_sums, share, titled,
-                                      unit)
+                                      unit, unknown)
 from ..results import screen
 from ..results.tables import BOUNDARIES, PROBES
 from ..units import generic
@@ -89,11 +89,10 @@ def _quantities(summary: dict) -> list[str]:
     time = earlier(summary)
     when = "" if time is None else (
         f"At t = {time:g}, where they are largest: by the end contact is lost.")
-    notes = of_sums(entries, boundaries)
-    notes += [entry["note"] for entry in entries.values() if "note" in entry]
+    notes = [*unknown(entries), *of_sums(entries, boundaries), *errors.get("notes", [])]
     return [page.paragraph(when),
             page.table(["quantity", "value", "unit", *map(HEADS.get, sources)], rows),
-            page.bullets([*dict.fromkeys(notes), *errors.get("notes", [])]),
+            page.bullets(notes),
             page.paragraph(errors.get("advice", "")),
             *map(page.paragraph, describe_energy(errors.get("energy", {})))]
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from ..errors import InputError
 from ..files import is_study, is_summary, read_rows
+from ..units import spelt
 from . import page
 from . import run as single
 
@@ -19,7 +20,7 @@ STUDIES = {"accuracy.csv": "What accuracy costs", "stopping.csv": "Tolerances of
            "family": "Hard cases", "case": "Published cases and closed forms", "part": "Benchmark"}
 CAPTIONS = {
     "report": "Every case with its residuals, its error and its work",
-    "study": "Forces, pressure, states of the contact nodes and work of friction",
+    "study": "Forces, pressure, states of the contact nodes and dissipated energy",
     "work_precision": "Errors of all runs over seconds of the solver; the Pareto front below",
     "products": "Products with F beside a tenth of the slides', and without an ingredient",
     "table": "Products with F, the dual operator, in 20 steps, beside the slides'",
@@ -59,7 +60,7 @@ def write(directory: Path) -> Path:
     judgements = [_judgement(table, rows) for table, rows in tables.items()]
     tables = dict(sorted(tables.items(), key=lambda table: not _judgement(*table)))
     return page.write(directory, title, [
-        *judgements,
+        *judgements, _units(summary),
         page.section("Warnings", _warnings(summary)),
         page.section("Figures", *pictures),
         page.section("Tables", *(_table(table, rows) for table, rows in tables.items()))])
@@ -100,6 +101,15 @@ def _rows(rows: list[dict]) -> str:
     """Rows of a study in a table, columns that are empty in all of them left out."""
     head = [name for name in (rows[0] if rows else ()) if any(row[name] for row in rows)]
     return page.table(head, [[_number(row[name]) for name in head] for row in rows[:SHOWN]])
+
+
+def _units(summary: Path) -> str:
+    """Units of the tables of a study of a parameter, whose columns have none in their names."""
+    if not summary.is_file():
+        return ""
+    units = json.loads(summary.read_text())["units"]
+    return page.paragraph(f"Lengths in {units['length']}, stresses in {units['stress']}, forces in "
+                          f"{spelt(1, 1, units)}, energies in {spelt(1, 2, units)}.")
 
 
 def _warnings(summary: Path) -> str:

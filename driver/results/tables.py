@@ -9,6 +9,7 @@ says.
 from dataclasses import dataclass
 
 from ..contact.states import STATUS_NAMES, ContactField
+from ..quantity_table import QUANTITIES
 
 
 @dataclass(frozen=True)
@@ -57,10 +58,8 @@ LABEL = Column("boundary", "1", "label of the contact boundary, where there are 
                "the first, which has the contact nodes; at a node in which one goes on in another "
                "that of the longer part")
 
-PEAK = Column("peak_pressure", "stress", "largest contact pressure, located between nodes, with "
-              "linear elements at ends of the boundary continued from inside; of bilateral contact "
-              "the largest |sigma_n|")
-LENGTH = Column("contact_length", "length", "length in contact, its ends located between nodes")
+PEAK = Column("peak_pressure", "stress", QUANTITIES["peak_pressure"].meaning)
+LENGTH = Column("contact_length", "length", QUANTITIES["contact_length"].meaning)
 
 HISTORY = (
     *STEP,
@@ -126,7 +125,8 @@ CYCLES = (
            "largest contact force; 1 in the first cycle"),
     Column("remaining", "1", "estimated further change by the cycles to come, by a geometric "
            "series; at most 1, which also stands where four cycles are not enough to tell"),
-    Column("slip", "length", "longest way that a node slides in the cycle"),
+    Column("slip", "length", "longest way that a node slides in the cycle, of those that no "
+           "support holds along the boundary"),
     Column("drift", "length", "largest change of a node's u_t over the cycle"),
     Column("wear", "length", "largest growth of the worn depth"),
     Column("dissipated", ENERGY, "work that friction takes in the cycle"),

@@ -47,6 +47,7 @@ def subdomains(summary: dict) -> str:
 
 
 def never_mattered(ledger: dict[str, dict]) -> list[str]:
-    """One sentence for every effect that is declared and was not active."""
-    return [f"{name.replace('_', ' ')} is declared but {entry['reason']}"
+    """One sentence for every effect that is declared and was not active, by the scene's words."""
+    said = {"time": "quasistatic"}
+    return [f"{said.get(name, name).replace('_', ' ')} is declared but {entry['reason']}"
             for name, entry in ledger.items() if entry["declared"] and entry["active"] is False]

@@ -8,9 +8,11 @@ from ..files import write_json
 
 LITTLE = 0.02  # of the total: stages below it together go without a word
 # what stands in the line, and the entries of the summary that it is the sum of
-STAGES = {"FreeFEM": ("export",), "setup": ("read", "setup"), "condensation": ("condense",),
-          "solve": ("solve",), "other solutions": ("uniqueness",), "output": ("output",),
-          "error estimates": ("estimates",), "figures": ("figures",), "start": ("start",)}
+STAGES = {"refinement": ("export_cycles", "solve_cycles"), "FreeFEM": ("export",),
+          "setup": ("read", "setup"), "condensation": ("condense",), "solve": ("solve",),
+          "contact geometry": ("geometry",), "other solutions": ("uniqueness",),
+          "output": ("output",), "error estimates": ("estimates",), "figures": ("figures",),
+          "start": ("start",)}
 
 
 def count(work: Path, stage: str, spent: float) -> None:

@@ -10,7 +10,7 @@ import re
 from pathlib import Path
 
 from .. import environment
-from ..text import near
+from ..text import ends, near
 from . import declarations, grammar, rooms, script
 
 COMPILE_ERROR = re.compile(r"Error line number\s*(\d+), in file\s+(macro: \w+ in )?(\S+?), "
@@ -350,8 +350,8 @@ def _execution(output: str, status: int, scene: Path, retrace) -> str:
     """What ended the script."""
     lines = [line.strip() for line in output.splitlines() if line.strip()]
     killed = -status if status < 0 else status - 128 if status > 128 else 0
-    said = "; ".join(dict.fromkeys(line for line in lines
-                                   if line.startswith(("Exec error", "Error", "Fatal error"))))
+    said = ends(dict.fromkeys(line for line in lines
+                              if line.startswith(("Exec error", "Error", "Fatal error"))))
     number = (re.search(r"call gmshBody +at +line +(\d+)", output)
               or re.search(r"current line = (\d+)", output))
     if "dlerror" in output:

@@ -20,12 +20,14 @@ from ..scene import freefem
 from ..scene.manifest import QUASISTATIC, Manifest
 from ..scene.rooms import rooms
 from ..text import aligned, change, words
+from ..units import spelt
 
 DRIVES = ("traction", "displacement")  # left out one by one where there are several loads
 FIXED = BARE | {"errors": "no"}
-# at the end of the run
-RESPONSE = ("peak_normal", "peak_tangential", "resultant_n", "resultant_t", "contact_length",
-            "largest_slip", "dissipated", "max_displacement")
+# at the end of the run, with powers of stress and length in their units
+RESPONSE = {"peak_normal": (1, 0), "peak_tangential": (1, 0), "resultant_n": (1, 1),
+            "resultant_t": (1, 1), "contact_length": (0, 1), "largest_slip": (0, 1),
+            "dissipated": (1, 2), "max_displacement": (0, 1)}
 MULTIPLIERS = ("dual_gluing", "dual_normal", "dual_tangential", "dual_joined")
 COST = ("primal_dofs", *MULTIPLIERS, "coarse_dofs", "steps",
         "fixed_point_iterations", "dual_multiplications", "dual_multiplications_setup")
@@ -156,16 +158,20 @@ def run_effects(pairs: dict[str, str]) -> list[Path]:
     table = files.write_table(out / f"{scene.stem}.csv", rows, COLUMNS)
     tractions = files.write_rows(out / f"{scene.stem}-tractions.csv", TRACTIONS,
                                  [row for variant in done for row in variant.tractions])
-    print(describe(done))
+    print(describe(done, manifest.units))
     return [table, tractions, *draw(table)]
 
 
 # ---- table ---------------------------------------------------------------------------------------
 
-def describe(variants: list[Variant]) -> str:
-    """Both tables as text: changes relative to the scene as declared, and costs."""
+def describe(variants: list[Variant], units: dict[str, str]) -> str:
+    """Both tables as text: changes relative to the scene as declared, and costs.
+
+    Values of the scene as declared are in its `units`.
+    """
     solved = [variant for variant in variants if variant.row]
-    changes = [["", *(words(name) for name in RESPONSE)]]
+    changes = [["", *(f"{words(name)} [{spelt(*powers, units)}]"
+                      for name, powers in RESPONSE.items())]]
     for variant in solved:
         changes.append([variant.label, *(change(variant.row[f"{name}_change"]) if variant.name
                                          else f"{variant.row[name]:.4g}" for name in RESPONSE)])

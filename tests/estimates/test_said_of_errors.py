@@ -34,16 +34,26 @@ def test_the_budget_is_a_table():
         "slip": {"value": 0.01, "mesh": None, "time": 1e-4, "total": None, "note": "why not"},
         "tangential_resultant": {"value": 1e-18, "mesh": 1e-19, "total": 1e-19}},
         "advice": "take more", "notes": ["a note"], "energy": {"reason": "a point load"}}
-    head, force, slip, zero, *rest = budget_words.describe(errors, UNITS)
+    head, force, slip, zero, why, *rest = budget_words.describe(errors, UNITS)
     assert head.split() == ["estimated", "errors", "value", "mesh", "time", "solver", "total"]
     assert force.split() == ["normal", "resultant", "[N/mm]", "50", "1.0", "%", "0", "1.0", "%"]
-    assert slip.split() == ["slip", "[mm]", "0.01", "?", "1.0", "%", "?", "why", "not"]
+    assert slip.split() == ["slip", "[mm]", "0.01", "?", "1.0", "%", "?"]
+    assert why == "?, slip: why not"
     assert zero.split() == ["tangential", "resultant", "[N/mm]", "about", "0", "within", "1e-19"]
     assert rest == ["take more", "a note", "no error in the energy norm: a point load"]
     assert len({len(line) for line in (head, force)}) == 1
     assert budget_words.describe({"energy": {}}, UNITS) == []
     head, force, *_ = budget_words.describe(errors, UNITS, 0.5)
     assert "estimated errors at time 0.5 " in head and len(head) == len(force)
+
+
+def test_a_reason_of_several_unknown_errors_is_said_once():
+    budget = {"slip": {"note": "coarse"}, "peak_pressure": {"note": "singular"},
+              "normal_resultant": {}, "contact_length": {"note": "coarse"}}
+    assert budget_words.unknown(budget) == ["?, slip, contact length: coarse",
+                                            "?, peak pressure: singular"]
+    assert budget_words.unknown(dict.fromkeys(budget, {"note": "coarse"})) == [
+        "?, all of them: coarse"]
 
 
 @pytest.mark.parametrize("boundaries, title, said", [

@@ -707,8 +707,8 @@ def test_history_shows_forces_per_thickness_and_iterations(drawn, run):
     pressing = forces[0].lines[0].get_ydata()
     np.testing.assert_allclose(pressing, -1e-6 * run.history["resultant_n"])
     assert pressing.max() > 0
-    assert length.get_ylabel() == "length in\ncontact\n[m]"
-    assert work.get_ylabel() == "work of\nfriction\n[kJ/m]"
+    assert length.get_ylabel() == "contact\nlength\n[m]"
+    assert work.get_ylabel() == "dissipated\nenergy\n[kJ/m]"
     heights = [axes.get_position().height for axes in figure.axes]
     assert heights[0] > 3 * heights[-1]  # physics first
     assert [p.get_height() for p in iterations.patches] == [6] * 20
@@ -716,11 +716,11 @@ def test_history_shows_forces_per_thickness_and_iterations(drawn, run):
 
 
 def test_forces_of_several_boundaries_are_called_sums(run, drawn):
-    assert legend_words(drawn["history"]) == ["pressing force", "tangential force"]
+    assert legend_words(drawn["history"]) == ["normal resultant", "tangential resultant"]
     several = run.summary | {"boundaries": [{"boundary": 1}, {"boundary": 3}]}
     figure = figures.compose("history", dataclasses.replace(run, summary=several))
     assert legend_words(figure) == [f"{force}, sum over 2 boundaries" for force in (
-        "pressing force", "tangential force")]
+        "normal resultant", "tangential resultant")]
 
 
 @pytest.mark.slow  # two figures
@@ -1182,6 +1182,30 @@ def test_a_small_obstacle_is_drawn_whole_with_marks_apart(size, sides):
     assert between.min() > 0.6 * np.linalg.norm(np.diff(marks, axis=1), axis=2).max()
 
 
+def test_an_obstacle_with_no_vertex_in_the_picture_is_drawn_on_its_curve():
+    """A picture of a hundredth of the circle's radius in the middle of one of its 64 sides, of the
+    angle h. Cubics through their ends, along the circle's tangents there and as long as the sides,
+    are off the circle by h^4 / 192, sides by h^2 / 8.
+    """
+    h = 2 * np.pi / 64
+    middle = circle(1, np.array([h / 2]))[0] + [10.5, 0.0]
+    axes = Figure().add_subplot()
+    obstacle.draw_obstacles(axes, round_run(10.5), 0.0, 0.01, 1.0,
+                            middle + 0.005 * np.array([[-1.0], [1.0]]))
+    lines = np.array(axes.collections[0].get_segments())
+    assert np.linalg.norm(lines - middle, axis=2).min() < 0.005
+    assert np.abs(np.linalg.norm(lines - [10.5, 0.0], axis=2) - 1).max() < h**4 / 100
+
+
+def test_a_corner_of_an_obstacle_stays_one():
+    """A square about the picture: its sides are cut, and stay straight."""
+    ends = np.array([[0.0, 0.0], [0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]])
+    start, end = outline.smoothed(ends[:-1], ends[1:], np.arange(4), 0.1, obstacle.CORNER)
+    assert len(start) == 40
+    np.testing.assert_allclose(np.abs(start - 0.5).max(axis=1), 0.5, atol=1e-15)
+    np.testing.assert_allclose(np.roll(start, -1, axis=0), end, atol=1e-15)
+
+
 def test_a_run_without_iterations_has_no_picture_of_them(tmp_path):
     """Without multipliers one solution is all: an empty diagram would say nothing."""
     run = figures.read_run(make_run(tmp_path, steps=1, products=6))
@@ -1324,6 +1348,37 @@ def test_the_animation_has_a_frame_a_step_all_alike(tmp_path):
         last = np.asarray(picture.convert("RGB"), int)
     assert first.shape == last.shape and (first != last).any(axis=2).mean() > 0.1
     assert path in redraw.redraw(directory)
+
+
+@pytest.mark.slow
+def test_the_animation_has_room_for_an_obstacle_wherever_it_goes(tmp_path, monkeypatch):
+    """A circle rises from below the block to its side: axes are the same in all pictures, which
+    had been cut to the size of the first one.
+    """
+    directory = make_run(tmp_path, steps=2, scene="own", products=6)
+    tables = [round_run(2.0).obstacle for _ in range(3)]
+    for step, table in enumerate(tables):
+        table["step"] = np.full(64, step)
+        for y in ("y0", "y1"):
+            table[y] = table[y] + step - 1.5
+    obstacles = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
+    run = dataclasses.replace(figures.read_run(directory), obstacle=obstacles)
+    monkeypatch.setattr(animation, "read_run", lambda of: run)
+    drawn, pictures = animation._frame, []  # pylint: disable=protected-access
+    monkeypatch.setattr(animation, "_frame",
+                        lambda *given: pictures.append(drawn(*given)) or pictures[-1])
+    animation.draw_animation(directory)
+    assert len(pictures) == 3 and len({picture.size for picture in pictures}) == 1
+
+
+def test_frames_of_unlike_heights_stand_on_the_same_ground():
+    """One with a heading of another line: nothing below it is cut or moves."""
+    pictures = [Image.new("RGB", (8, height), "white") for height in (10, 12)]
+    for picture in pictures:
+        picture.putpixel((3, picture.height - 1), (0, 0, 0))
+    frames = animation._alike(pictures)  # pylint: disable=protected-access
+    assert [frame.size for frame in frames] == [(8, 12), (8, 12)]
+    assert [np.asarray(frame.convert("RGB"))[11, 3].max() < 9 for frame in frames] == [True, True]
 
 
 @pytest.mark.slow

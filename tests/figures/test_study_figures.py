@@ -8,11 +8,11 @@ from driver.figures.style import STATUS, canvas
 from driver.files import write_table
 
 
-def drawn(values):
-    """The figure of a study with these values of a wear coefficient."""
+def drawn(values, **columns):
+    """The figure of a study with these values of a wear coefficient, and other `columns`."""
     values = np.asarray(values, float)
     table = {"wear": values, "resultant_n": -values, "resultant_t": values, "peak_pressure": values,
-             "dissipated": values, **{f"nodes_{zone}": values for zone in STATUS}}
+             "dissipated": values, **{f"nodes_{zone}": values for zone in STATUS}, **columns}
     summary = {"study": "wear", "scene": "pad", "values": len(values),
                "units": {"length": "mm", "stress": "MPa"}}
     # pylint: disable-next=protected-access
@@ -31,6 +31,14 @@ def test_numbers_of_the_axis_do_not_stand_on_each_other(values, scale):
     boxes = [label.get_window_extent() for label in axes.get_xticklabels()
              if low <= label.get_position()[0] <= high]
     assert not any(a.overlaps(b) for a, b in zip(boxes, boxes[1:]))
+
+
+def test_states_that_no_node_has_are_not_drawn():
+    """Two lines of zeros hid one another; without contact all of them are there."""
+    none = np.zeros(2)
+    axes = drawn([1.0, 2.0], nodes_open=none, nodes_stick=none).axes[2]
+    assert [line.get_label() for line in axes.lines] == ["slip"]
+    assert len(drawn([1.0, 2.0], **{f"nodes_{zone}": none for zone in STATUS}).axes[2].lines) == 3
 
 
 def test_the_table_of_hard_cases_is_drawn_without_a_layout_engine(tmp_path):

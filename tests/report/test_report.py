@@ -244,6 +244,7 @@ def test_the_page_of_a_parameter_study(tmp_path, command_here):
     assert done.returncode == 0, done.stderr
     page = Page(tmp_path / "out" / "report.html")
     assert "study of friction" in page.words and "study: all 2 converged." in page.words
+    assert "Lengths in m, stresses in Pa, forces in N/m, energies in J/m." in page.words
 
 
 def test_wide_pictures_are_scrolled_where_the_screen_is_narrow(tmp_path):

@@ -851,6 +851,16 @@ def test_a_line_of_the_library_is_none_of_the_scene(tmp_path, number, where):
     assert message.startswith(f"FreeFEM failed in {where}(exit 5)")
 
 
+def test_of_many_errors_the_first_and_the_last_are_said(tmp_path):
+    """FreeFEM has one of every border of an outline that runs the wrong way round."""
+    path = tmp_path / "mine.edp"
+    path.write_text("mesh Th = buildmesh(a(1));\n")
+    printed = "".join(f"Error in border {k}: wrong direction\n" for k in range(12))
+    message = explain.failure(f"{printed}Fatal error 777\ncurrent line = 1\n", 8, path, tmp_path,
+                              lambda: "")
+    assert message.endswith("(Error in border 0: wrong direction; 11 more; Fatal error 777)")
+
+
 def test_triangles_that_overlap_are_said_to(tmp_path):
     """A file of a mesh with a node beyond its neighbours, as readmesh sees it."""
     path = tmp_path / "mine.edp"
