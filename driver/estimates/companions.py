@@ -273,14 +273,16 @@ class Companions:
         may agree by chance.
         """
         parts = finer(self.manifest, self.strides.motion, FINER, ENOUGH)
-        mesh = {**self._telling(), "sampling": parts}
+        mesh = self._telling()
         try:
-            self.levels.problem(**mesh)
+            self.levels.problem(**mesh, sampling=parts)
         except DriverError as problem:
             self.notes.append(f"companion with {parts * self.manifest.steps} steps: {problem}")
             return dict.fromkeys(self.values, Part(None, note=UNTRIED))
-        values = [self._values(mesh, stride) for stride in (1, 2, 4)]
-        own = values[2] if parts == FINER else self._values(mesh, parts)
+        # every `parts`-th of the finest steps are those of the run, in which the mesh was run before
+        values = [self._values(mesh) if stride == parts
+                  else self._values({**mesh, "sampling": parts}, stride) for stride in (1, 2, 4)]
+        own = values[2] if parts == FINER else self._values(mesh)
         if None in (*values, own):
             return dict.fromkeys(self.values, Part(None, note=UNTRIED))
         found = self._parts("time", list(zip(values, values[1:])), [2.0, 2.0])

@@ -188,7 +188,7 @@ def test_more_steps_that_agree_by_chance_tell_no_less_than_their_distance(monkey
     of.strides = SimpleNamespace(motion=None)
     of.values, of.levels = {name: 1.0}, SimpleNamespace(problem=lambda **_: None)
     of._telling = lambda: of.base
-    of._values = lambda mesh, stride: {name: 1.0 if stride == 8 else 4.0}
+    of._values = lambda mesh, stride=8: {name: 1.0 if stride == 8 else 4.0}
     assert of._more_time()[name].error == pytest.approx(1.2 * 8 / 7 * (4.0 - 1.0))
 
 

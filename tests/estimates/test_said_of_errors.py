@@ -181,15 +181,17 @@ def test_whether_bilateral_contact_goes_on_as_unilateral(bilateral, changes):
 
 # ------------------------------------------------------------------------------ companions
 
-def companions(fails=(), **more) -> Companions:
-    """Those of a run whose quantity errs by 0.1 a mesh and 0.01 a stride; `fails`: meshes."""
+def companions(fails=(), finer=1, **more) -> Companions:
+    """Those of a run whose quantity errs by 0.1 a mesh and 0.01 a stride, `finer` times that where
+    times are not sampled; `fails`: meshes.
+    """
     of = object.__new__(Companions)
 
     def run(settings, stride=1, plan=None, **mesh):
         if mesh.get("h") in fails or ("fine" in fails and "sampling" in mesh):
             raise NotConverged(f"no solution at {mesh}")
         shorter = 0.5 if plan else 0.0
-        errs = 0.1 * mesh.get("h", 0) + 0.01 * stride
+        errs = 0.1 * mesh.get("h", 0) + 0.01 * stride * (1 if "sampling" in mesh else finer)
         return SimpleNamespace(values={"slip": 1 + errs + shorter},
                                touch=SimpleNamespace(nodes=9))
 
@@ -215,7 +217,7 @@ def test_a_companion_that_fails_is_noted_unless_nobody_asked():
 
 def test_more_steps_tell_where_there_are_few():
     """Four times as many: their distance from the run's, and their own error."""
-    found = companions()._more_time()["slip"]
+    found = companions(finer=4)._more_time()["slip"]
     assert found.error > 0.03 and found.error < 0.1
     for failing in (companions(fails=("fine",)), companions(fails=(1,))):
         part = failing._more_time()["slip"]
