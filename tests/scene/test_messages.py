@@ -614,6 +614,12 @@ def test_obstacles_whose_helpers_have_arguments_are_not_refused(accepted, helper
     accepted(f"macro friction() F //\n{helper}\nmacro obstacle(x, y) {obstacle} //")
 
 
+def test_a_variable_in_place_of_a_macro_is_refused_beside_a_parameter_of_its_name(said):
+    """SCENE reads physical("friction", 0.3)."""
+    words = said(("macro friction() F //", "real friction = F;"))
+    assert "nothing reads 'friction': what a scene declares is given by macros" in words
+
+
 def test_functions_that_histories_call_ask_for_no_place(said):
     words = said(("macro friction() F //", "macro friction() F //\nfunc ramp = x/2.;\n"
                   "macro amplitude1(t) (t*ramp) //"))
