@@ -3,8 +3,8 @@
 One = in place of two, a < b < c, label == 3 || 4, an integer for a parameter that has decimals,
 an option for one of two names that capitals alone tell apart, x in a history, a load's integral
 over a mesh of the scene, a number's over that of a subdomain, no for what any content declares,
-an obstacle that calls functions of the place at hand: what is declared would have other values than
-those that were meant.
+an obstacle that calls functions of the place at hand, numbers of triangles, random ones: what is
+declared would have other values than those that were meant.
 """
 
 import re
@@ -25,6 +25,8 @@ PLACE = re.compile(r"(?<![.\w])(?:(?:x|y|label|region)\b(?!\()|[NP]\.[xy]\b)")
 # evaluated beside the place at hand: for slopes, where the obstacle has moved, on a grid
 SHAPES = frozenset({"obstacle", "obstacleInTime"})
 COORDINATE = re.compile(r"(?<![.\w])(?:P\.)?[xy]\b(?!\()")
+# other numbers in each subdomain, or each time that they are asked for
+UNSTEADY = re.compile(r"(?<![.\w])(nuTriangle|nuEdge|rand(?:real|int|res)\d+)\b")
 INTEGRAL = re.compile(r"(?<![.\w])int(?:1d|2d|alledges)(?=\s*\()")  # the same everywhere
 OFF = re.compile(r"no|off|false|0+\.?0*", re.IGNORECASE)  # of what any content declares
 LOAD = re.compile(r"load\d")
@@ -62,8 +64,10 @@ def check(scene: Path, parameters: dict[str, str]) -> None:
         if macro.name in named:
             reason = reason or _own_integral(macro, macros, macro.name in loads)
         _refuse(macro, reason)
+    reached = declaring(bare, rooms.vocabulary())
     for own in bare:
-        _refuse(own, own.name in placeless and _misplaced(own)
+        _refuse(own, own.name in reached and _unsteady(own)
+                or own.name in placeless and _misplaced(own)
                 or own.name in shapes and _stays(own))
 
 
@@ -153,6 +157,18 @@ def _stays(macro: grammar.Definition) -> str:
     return (f"asks for {asked[0]}, which is not among its arguments, and an obstacle is evaluated "
             "at other places than the one at hand, for its slope: give what it calls x and y as "
             "arguments, as in  macro wave(x) (0.1*sin(x)) //")
+
+
+def _unsteady(macro: grammar.Definition) -> str:
+    """What a declaration asks for that has no value of its own."""
+    found = UNSTEADY.search(macro.content)
+    if not found:
+        return ""
+    if found[1].startswith("nu"):
+        return (f"asks for {found[1]}, which counts in the mesh of every subdomain by itself: tell "
+                "parts of a body by x and y or by region")
+    return (f"calls {found[1]}, which is another number each time: keep numbers in a function on a "
+            "mesh of the scene, as in  fespace V(body, P1); V v = ...;  and ask for  v(x, y)")
 
 
 def _own_integral(macro: grammar.Definition, macros: list, load: bool) -> str:

@@ -620,6 +620,22 @@ def test_a_variable_in_place_of_a_macro_is_refused_beside_a_parameter_of_its_nam
     assert "nothing reads 'friction': what a scene declares is given by macros" in words
 
 
+@pytest.mark.parametrize("old, new, words", [
+    ("macro young() 1000. //", "macro young() (nuTriangle < 9 ? 1e3 : 2e3) //",
+     "young asks for nuTriangle, which"),
+    ("macro young() 1000. //", "macro young() stiff //\nfunc stiff = 1e3*(1 + nuEdge);",
+     "stiff asks for nuEdge"),
+    ("macro friction() F //", "macro friction() (F*(1. + 0.1*randreal1())) //",
+     "friction calls randreal1, which is")])
+def test_what_subdomains_count_by_themselves_is_no_declaration(said, old, new, words):
+    """Triangles have other numbers in each subdomain: pressures depended on the cut by a tenth."""
+    assert words in said((old, new))
+
+
+def test_numbers_that_are_drawn_once_are_not_refused(accepted):
+    accepted("fespace V(body, P1); V v = randreal1();\nmacro friction() (F*v(x, y)) //")
+
+
 def test_functions_that_histories_call_ask_for_no_place(said):
     words = said(("macro friction() F //", "macro friction() F //\nfunc ramp = x/2.;\n"
                   "macro amplitude1(t) (t*ramp) //"))
