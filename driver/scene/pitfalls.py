@@ -25,8 +25,9 @@ PLACE = re.compile(r"(?<![.\w])(?:(?:x|y|label|region)\b(?!\()|[NP]\.[xy]\b)")
 # evaluated beside the place at hand: for slopes, where the obstacle has moved, on a grid
 SHAPES = frozenset({"obstacle", "obstacleInTime"})
 COORDINATE = re.compile(r"(?<![.\w])(?:P\.)?[xy]\b(?!\()")
-# other numbers in each subdomain, or each time that they are asked for
+# other numbers in each subdomain, or each time that they are asked for; and what cuts the mesh
 UNSTEADY = re.compile(r"(?<![.\w])(nuTriangle|nuEdge|rand(?:real|int|res)\d+)\b")
+OF_WHOLE = {"piece"}
 INTEGRAL = re.compile(r"(?<![.\w])int(?:1d|2d|alledges)(?=\s*\()")  # the same everywhere
 OFF = re.compile(r"no|off|false|0+\.?0*", re.IGNORECASE)  # of what any content declares
 LOAD = re.compile(r"load\d")
@@ -64,7 +65,7 @@ def check(scene: Path, parameters: dict[str, str]) -> None:
         if macro.name in named:
             reason = reason or _own_integral(macro, macros, macro.name in loads)
         _refuse(macro, reason)
-    reached = declaring(bare, rooms.vocabulary())
+    reached = declaring(bare, rooms.vocabulary() - OF_WHOLE)
     for own in bare:
         _refuse(own, own.name in reached and _unsteady(own)
                 or own.name in placeless and _misplaced(own)

@@ -632,8 +632,11 @@ def test_what_subdomains_count_by_themselves_is_no_declaration(said, old, new, w
     assert words in said((old, new))
 
 
-def test_numbers_that_are_drawn_once_are_not_refused(accepted):
-    accepted("fespace V(body, P1); V v = randreal1();\nmacro friction() (F*v(x, y)) //")
+@pytest.mark.parametrize("text", [
+    "fespace V(body, P1); V v = randreal1();\nmacro friction() (F*v(x, y)) //",
+    "macro friction() F //\nmacro piece() nuTriangle //"])
+def test_numbers_of_the_whole_mesh_and_those_drawn_once_are_not_refused(accepted, text):
+    accepted(text)
 
 
 def test_functions_that_histories_call_ask_for_no_place(said):
