@@ -9,8 +9,8 @@ from driver.scene import compared, label_names
 
 SCENE = """include "scene.idp"
 border low(t=0, 2) { x = t; y = 0.; label = 7; }
-border rest(t=0, 3) { x = (t < 1 ? 2 : (t < 2 ? 4 - 2*t : 0)); y = (t < 1 ? t : (t < 2 ? 1 : 3 - t));
-                      label = 31 + int(t); }
+border rest(t=0, 3) { x = (t < 1 ? 2 : (t < 2 ? 4 - 2*t : 0));
+                      y = (t < 1 ? t : (t < 2 ? 1 : 3 - t)); label = 31 + int(t); }
 border hole(t=2*pi, 0) { x = 1 + 0.2*cos(t); y = 0.5 + 0.2*sin(t); }
 int wall = 55, side = 31;
 int[int] walls = [31, 55];
