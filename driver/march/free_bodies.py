@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from ..contact.equilibrium import Latest, rigid_equilibrium, still_balances
-from ..contact.kkt import Scales
+from ..contact.kkt import FADED, Scales
 from ..contact.rows import ContactRows
 from ..errors import NoSolution
 from ..feti import free_motions
@@ -23,6 +23,7 @@ SECANTS = 5  # of the rigid motions' response that are combined
 BESIDE = 1e-2  # part of all contact forces on a body beside which its imbalance counts at least
 WEAK = 1e-4  # part of a motion that rows feel, whose square resists it: below all tolerances
 NOTHING = 1e-12  # part of the largest contact force that is rounding of it
+SLIGHT = 1e-9  # part of a friction bound by which rounding leaves what slid below it
 LOOSE = "nothing that touches or sticks holds a rigid motion of a body without support"
 
 
@@ -202,8 +203,9 @@ class FreeBodies:
         over, slip = -gradient[rows.normal], -gradient[rows.tangential]
         bound, way = rows.friction_bound(x), np.sign(x[rows.tangential])
         presses = self._presses(x)
-        sticks = np.abs(x[rows.tangential]) < bound
-        slides = ~sticks & (bound > 0)
+        rubs = self._counts(rows.tangential, bound)
+        sticks = rubs & (np.abs(x[rows.tangential]) < (1 - SLIGHT) * bound)
+        slides = rubs & ~sticks
         # all normal rows, then all tangential ones
         structure = self.operator.structure
         first = rows.normal + structure.row_range[0]
@@ -215,11 +217,22 @@ class FreeBodies:
                 np.maximum(np.concatenate([-over[~presses], (way * slip)[slides]]), 0.0))
 
     def _presses(self, x: np.ndarray) -> np.ndarray:
-        """(n,) whether normal rows act: their forces, if any, are more than rounding; collective.
+        """(n,) whether normal rows act: their forces, if any, are more than rounding and than what
+        the balance leaves open; collective.
         """
         force = np.abs(x[self.rows.normal])
-        return self.rows.bilateral | (force > NOTHING * -self.operator.minimum(
-            -force.max(initial=0.0)))
+        largest = -self.operator.minimum(-force.max(initial=0.0))
+        return self.rows.bilateral | (force > NOTHING * largest) & self._counts(
+            self.rows.normal, force)
+
+    def _counts(self, rows: np.ndarray, force: np.ndarray) -> np.ndarray:
+        """(n,) whether forces >= 0 on such rows are more to a body than its balance leaves open.
+
+        Relative to all forces on the body: of one that the others have left alone solvers leave
+        some at nodes here or there, by which it would rest on one cut and not on another.
+        """
+        felt = np.abs(np.column_stack(self.operator.motions)[rows]) * force[:, None]
+        return (felt > FADED * self.scales.work).any(axis=1)
 
     def note_loose_motion(self, index: int, x: np.ndarray) -> None:
         """Warn once if no node that touches or sticks holds a rigid motion.
@@ -234,7 +247,8 @@ class FreeBodies:
         acts = np.zeros(op.owned)
         acts[rows.normal] = self._presses(x)
         bound, changes = rows.friction_bound(x), self.effects.coefficient_changes
-        acts[rows.tangential] = (np.abs(x[rows.tangential]) < bound) | changes & (bound > 0)
+        acts[rows.tangential] = self._counts(rows.tangential, bound) & (
+            (np.abs(x[rows.tangential]) < (1 - SLIGHT) * bound) | changes)
         stiffness = np.array([[op.dot(acts * a, b) for b in motions] for a in motions])
         # squares of roundings
         if np.linalg.eigvalsh(stiffness)[0] <= 1e-12 * max(op.dot(d, d) for d in motions):
@@ -249,6 +263,9 @@ def _least(held: np.ndarray, limited: np.ndarray, room: np.ndarray,
     _, sizes, basis = np.linalg.svd(np.vstack([held, np.zeros((1, len(aim)))]))
     free = basis[np.count_nonzero(sizes > WEAK * reach * np.sqrt(len(held) + 1)) :]
     aim, limited = free @ aim, limited @ free.T
+    # what `held` keeps in place also leaves rounding of rows, of either sign, that would be limits
+    limited = np.where(np.abs(limited).max(axis=1, keepdims=True, initial=0.0)
+                       > free_motions.STILL * reach, limited, 0.0)
     moved = least_distance(limited, room - limited @ aim)
     # no motion at all is feasible, but for rounding
     return free.T @ (np.zeros(len(aim)) if moved is None else aim + moved)

@@ -62,6 +62,8 @@ def solve_condensed(problem: CoulombProblem, start: np.ndarray) -> tuple[np.ndar
 
 def followed(problem: CoulombProblem, start: np.ndarray) -> tuple[np.ndarray | None, str]:
     """As `solve_condensed` by what takes no more than seconds: Newton, Lemke, a path."""
+    if not problem.n:  # there is nothing to choose
+        return (start, NEWTON) if problem.solves(start) else (None, "")
     z = complementarity.approached(problem, start)
     if z is not None:
         return z, NEWTON
@@ -78,7 +80,12 @@ def followed(problem: CoulombProblem, start: np.ndarray) -> tuple[np.ndarray | N
 
 
 def searched(problem: CoulombProblem, start: np.ndarray) -> tuple[np.ndarray | None, str]:
-    """As `solve_condensed` by the searches that come last."""
+    """As `solve_condensed` by the searches that come last.
+
+    Where no node meets anything there is one state, without forces.
+    """
+    if not problem.n:
+        return None, NO_STATE
     if problem.n > MOST_NODES:
         return solution_among(problem, start, MOST_NODES, solve_condensed)
     z = _descended(problem, start)

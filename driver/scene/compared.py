@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 from ..errors import InputError
-from . import grammar, pitfalls, rooms
+from . import grammar, label_names, pitfalls, rooms
 from .manifest import Manifest
 
 # in code without blanks; numbers in sums and products are not judged
@@ -30,8 +30,9 @@ def check(scene: Path, manifest: Manifest) -> None:
     macros = [macro for source in grammar.sources(scene) for macro in grammar.definitions(source)]
     declaring = pitfalls.declaring(macros, rooms.vocabulary())
     laws = pitfalls.declaring(macros, rooms.of_contact()) if manifest.contact_pairs else ()
+    numbers = _named(scene)
     for macro in macros:
-        asked = _compared(macro.content)
+        asked = _compared(macro, numbers)
         for name, number, _ in asked:
             if number not in there[name] and macro.name in declaring:
                 raise InputError(f"{macro.path.name} line {macro.line}: {macro.name} asks for "
@@ -50,9 +51,9 @@ def asked_elsewhere(scene: Path, manifest: Manifest) -> list[str]:
     """
     macros = [macro for source in grammar.sources(scene) for macro in grammar.definitions(source)]
     laws, own = pitfalls.declaring(macros, rooms.of_contact()), manifest.contact_labels
-    lines = []
+    numbers, lines = _named(scene), []
     for macro in macros:
-        asked = [number for name, number, sign in _compared(macro.content)
+        asked = [number for name, number, sign in _compared(macro, numbers)
                  if (name, sign) == ("label", "=")]
         if macro.name in laws and own and asked and not set(asked) & set(own):
             lines.append(f"{macro.path.name} line {macro.line}: {macro.name} asks for label "
@@ -62,10 +63,20 @@ def asked_elsewhere(scene: Path, manifest: Manifest) -> list[str]:
     return lines
 
 
-def _compared(content: str) -> list[tuple[str, int, str]]:
-    """What a macro compares with numbers, label or region, those, and for what: = or !."""
+def _named(scene: Path) -> dict[str, int]:
+    """Whole numbers to which the scene gives names."""
+    return {name: values[0] for name, values in label_names.of(scene).items() if len(values) == 1}
+
+
+def _compared(macro: grammar.Definition, numbers: dict[str, int]) -> list[tuple[str, int, str]]:
+    """What a macro compares with numbers, also such as have names: label or region, those, and for
+    what: = or !.
+    """
+    code, own = pitfalls.code_of(macro.content), re.findall(r"\w+", macro.arguments or "")
+    for name in numbers.keys() - set(own):
+        code = re.sub(rf"(?<![.\w]){name}(?![\w.(\[])", str(numbers[name]), code)
     return [(found[1] or found[6], int(found[3] or found[4]), found[2] or found[5]) for found
-            in COMPARED.finditer(pitfalls.code_of(content))]
+            in COMPARED.finditer(code)]
 
 
 def _second_label(asked: list[int], own: list[int], pairs: list) -> str:

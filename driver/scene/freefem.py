@@ -7,8 +7,8 @@ from pathlib import Path
 from .. import children, environment
 from ..errors import InputError
 from ..text import near
-from . import (compared, declarations, element_kinds, explain, grammar, pitfalls, rooms, script,
-               seal, size)
+from . import (compared, declarations, element_kinds, explain, grammar, label_names, pitfalls,
+               rooms, script, seal, size)
 from .manifest import Manifest, read_manifest
 from .script import text_digest
 
@@ -64,6 +64,7 @@ def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int 
     script.check_names(scene)
     script.check_statements(scene)
     pitfalls.check(scene, parameters)
+    label_names.check_borders(scene)
     script.check_gmsh_numbers(scene)
     script.check_sizes(scene)
     script.check_parameters(scene, parameters)
@@ -77,7 +78,7 @@ def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int 
     seal.write(directory, text, [f"block-{k}.bin" for k in range(ranks)])
     manifest = read_manifest(directory, text_digest(scene))
     _check_echo(manifest, parameters)
-    script.check_fixed_labels(scene, manifest)
+    label_names.check_fixed(scene, manifest)
     script.check_regions(scene, manifest)
     compared.check(scene, manifest)
     script.check_units(scene, manifest)

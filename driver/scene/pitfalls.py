@@ -2,15 +2,16 @@
 
 One = in place of two, a < b < c, label == 3 || 4, an integer for a parameter that has decimals,
 an option for one of two names that capitals alone tell apart, x in a history, a load's integral
-over a mesh of the scene, a number's over that of a subdomain, no for what any content declares:
-what is declared would have other values than those that were meant.
+over a mesh of the scene, a number's over that of a subdomain, no for what any content declares,
+an obstacle that calls functions of the place at hand, numbers of triangles, random ones: what is
+declared would have other values than those that were meant.
 """
 
 import re
 from pathlib import Path
 
 from ..errors import InputError
-from . import grammar, rooms
+from . import functions, grammar, rooms
 
 # in code without blanks
 SET = re.compile(r"(?<![.\w])(label|region|x|y)=(?!=)")
@@ -21,6 +22,12 @@ STREAM = re.compile("<<|>>")
 PLACELESS = re.compile(r"amplitude\d|(slip|displacement)Factor|stepTimes|cycles|cycleStart|"
                        r"point(Load\d|Spring)|probePoints")
 PLACE = re.compile(r"(?<![.\w])(?:(?:x|y|label|region)\b(?!\()|[NP]\.[xy]\b)")
+# evaluated beside the place at hand: for slopes, where the obstacle has moved, on a grid
+SHAPES = frozenset({"obstacle", "obstacleInTime"})
+COORDINATE = re.compile(r"(?<![.\w])(?:P\.)?[xy]\b(?!\()")
+# other numbers in each subdomain, or each time that they are asked for; and what cuts the mesh
+UNSTEADY = re.compile(r"(?<![.\w])(nuTriangle|nuEdge|rand(?:real|int|res)\d+)\b")
+OF_WHOLE = {"piece"}
 INTEGRAL = re.compile(r"(?<![.\w])int(?:1d|2d|alledges)(?=\s*\()")  # the same everywhere
 OFF = re.compile(r"no|off|false|0+\.?0*", re.IGNORECASE)  # of what any content declares
 LOAD = re.compile(r"load\d")
@@ -44,20 +51,30 @@ def check(scene: Path, parameters: dict[str, str]) -> None:
     _check_capitals(files, parameters)
     macros = [macro for source in files for macro in grammar.definitions(source)]
     named = declaring(macros, rooms.vocabulary())
-    bare = [macro._replace(content=_without_integrals(code_of(macro.content))) for macro in macros]
+    called = [function for source in files for function in functions.definitions(source)]
+    bare = [macro._replace(content=functions.without_calls(
+        _without_integrals(code_of(macro.content)), called)) for macro in macros + called]
     placeless = declaring(bare, frozenset(filter(PLACELESS.fullmatch, rooms.vocabulary())))
     switches = {macro.name for macro in rooms.all_macros() if macro.text.startswith("any content")}
     loads = declaring(macros, frozenset(filter(LOAD.fullmatch, rooms.vocabulary())))
-    for macro, own in zip(macros, bare):
+    shapes = declaring(bare, SHAPES)
+    for macro in macros:
         reason = _mistake(macro.content) if macro.name in named else ""
         if macro.name in switches and OFF.fullmatch(code_of(macro.content)):
             reason = "holds whatever its content, also this one: leave it out if it is not meant"
         if macro.name in named:
             reason = reason or _own_integral(macro, macros, macro.name in loads)
-        if macro.name in placeless:
-            reason = reason or _misplaced(own)
-        if reason:
-            raise InputError(f"{macro.path.name} line {macro.line}: {macro.name} {reason}")
+        _refuse(macro, reason)
+    reached = declaring(bare, rooms.vocabulary() - OF_WHOLE)
+    for own in bare:
+        _refuse(own, own.name in reached and _unsteady(own)
+                or own.name in placeless and _misplaced(own)
+                or own.name in shapes and _stays(own))
+
+
+def _refuse(macro: grammar.Definition, reason: str) -> None:
+    if reason:
+        raise InputError(f"{macro.path.name} line {macro.line}: {macro.name} {reason}")
 
 
 def code_of(content: str) -> str:
@@ -130,6 +147,29 @@ def _misplaced(macro: grammar.Definition) -> str:
         return ""
     return (f"asks for {asked[0]}, but is the same at every place: what varies with it belongs "
             "into the load or the coefficient itself")
+
+
+def _stays(macro: grammar.Definition) -> str:
+    """What an obstacle's function asks of the place at hand, arguments of its own apart."""
+    own = re.findall(r"\w+", macro.arguments or "")
+    asked = [word for word in COORDINATE.findall(macro.content) if word not in own]
+    if not asked:
+        return ""
+    return (f"asks for {asked[0]}, which is not among its arguments, and an obstacle is evaluated "
+            "at other places than the one at hand, for its slope: give what it calls x and y as "
+            "arguments, as in  macro wave(x) (0.1*sin(x)) //")
+
+
+def _unsteady(macro: grammar.Definition) -> str:
+    """What a declaration asks for that has no value of its own."""
+    found = UNSTEADY.search(macro.content)
+    if not found:
+        return ""
+    if found[1].startswith("nu"):
+        return (f"asks for {found[1]}, which counts in the mesh of every subdomain by itself: tell "
+                "parts of a body by x and y or by region")
+    return (f"calls {found[1]}, which is another number each time: keep numbers in a function on a "
+            "mesh of the scene, as in  fespace V(body, P1); V v = ...;  and ask for  v(x, y)")
 
 
 def _own_integral(macro: grammar.Definition, macros: list, load: bool) -> str:

@@ -65,7 +65,7 @@ def check_names(scene: Path) -> None:
     code = "\n".join(line for source in files for line in source.code)
     if 'include "export.idp"' not in code:
         return
-    known = library()
+    known, code = library(), grammar.without_texts(code)
     hidden = {"evaluating", *known.macros} - rooms.vocabulary()
     own = {macro.name: macro for source in files for macro in grammar.definitions(source)}
     for source in files:
@@ -257,23 +257,6 @@ def _is_word(name: str, text: str) -> bool:
 def hint(name: str, words=()) -> str:
     """The declaration, or one of other `words`, that a misspelt one may mean."""
     return near(name, {*rooms.vocabulary(), *words})
-
-
-def check_fixed_labels(scene: Path, manifest: Manifest) -> None:
-    """Refuse on(label, ...) for a label, written as a number, that the mesh lacks: InputError.
-
-    FreeFEM ignores such a condition. One on a line inside a body would hold where a cut runs along
-    it, and not elsewhere.
-    """
-    places = [(source.path.name, number, code) for source in grammar.sources(scene)
-              for number, code in enumerate(source.code, 1)]
-    for name, number, code in places:
-        for label in re.findall(r"\bon\(\s*(\d+)\s*,", code):
-            if int(label) not in manifest.labels:
-                raise InputError(
-                    f"{name} line {number}: on({label}, ...) names no boundary of the mesh, whose "
-                    f"labels are {', '.join(map(str, manifest.labels))} (a line inside a body is "
-                    "none: make two bodies of it by addBody)")
 
 
 def check_regions(scene: Path, manifest: Manifest) -> None:

@@ -28,6 +28,12 @@ def test_a_body_moves_least_whatever_the_unit_of_its_motions(unit):
     faint = np.vstack([held, [[0.0, 0.0, 1e-6]]])
     found = _least(unit * faint, unit * limited, unit * np.array([0.6]), np.array(aim))
     np.testing.assert_allclose(found, [0.5, 0.0, 0.1], atol=1e-9)
+    # nor limit it where what is held makes them rounding, of either sign
+    turned = np.array([[0.3, 0.4, 0.0]])
+    faint = np.vstack([7 * turned + 1e-16 * np.eye(3), 7 * turned - 1e-16 * np.eye(3)])
+    free_of = aim - turned[0] * (turned[0] @ aim) / (turned[0] @ turned[0])
+    found = _least(unit * turned, unit * faint, np.zeros(6), np.array(aim))
+    np.testing.assert_allclose(found, free_of, atol=1e-9)
     # nor is there a motion where all are held
     found = _least(unit * np.eye(3), unit * limited, unit * np.array([0.3]), np.array(aim))
     np.testing.assert_allclose(found, 0.0, atol=1e-9)
@@ -113,6 +119,26 @@ def test_forces_that_are_rounding_of_others_hold_nothing(force, loose):
     assert len(of.history.warnings) == loose
     place, held, beside, _, _ = of._conditions(x, np.zeros(4))
     assert (11 in place) is not loose and (11 in beside) is loose and len(held) == len(place)
+
+
+@pytest.mark.parametrize("work, holds", [(1.0, True), (3e5, False)])
+def test_forces_within_what_the_balance_leaves_open_hold_nothing(work, holds):
+    """Relative to those on the body, a millionth: the node neither keeps its place nor its slip."""
+    of = free([mode()], [[1.0, 0.0, 1.0, 0.0]])
+    of.scales.renew(work=np.array([work]))
+    x = np.array([0.2, 0.0, 0.05, 0.0])  # it presses, and sticks: its bound is 0.1
+    place, _, beside, _, _ = of._conditions(x, np.zeros(4))
+    assert place.tolist() == ([10, 112] if holds else [])
+    assert beside.tolist() == ([11] if holds else [10, 11])
+    of.note_loose_motion(3, x)
+    assert len(of.history.warnings) == (not holds)
+
+
+def test_what_has_slid_may_go_on_where_rounding_leaves_it_below_its_bound():
+    of = free([mode()], [[0.0, 0.0, 1.0, 0.0]])
+    x = np.array([4.0, 0.0, 2.0 * (1 - 1e-13), 0.0])
+    place, _, beside, _, _ = of._conditions(x, np.zeros(4))
+    assert 112 in beside and 112 not in place
 
 
 @pytest.mark.parametrize("x, loose", [([4.0, 0, 2, 0], False), ([0.0, 0, 0, 0], True)])

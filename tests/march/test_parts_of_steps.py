@@ -657,6 +657,18 @@ def test_where_no_method_finds_a_solution(monkeypatch):
     assert globalization.solve_condensed(problem, np.zeros(1))[1] == "few"
 
 
+@pytest.mark.parametrize("balance, method", [(0.0, globalization.NEWTON),
+                                             (2.0, globalization.NO_STATE)])
+def test_where_no_node_meets_anything_there_is_one_state(balance, method):
+    """Of a sleeve that has slid off its shaft: it rests where nothing pulls it."""
+    none = np.zeros(0)
+    problem = CoulombProblem(np.zeros((0, 0)), none, none, np.zeros(0, int), np.zeros(0, bool),
+                             np.zeros((0, 1)), np.array([balance]))
+    start = np.array([0.3])
+    found, by = globalization.solve_condensed(problem, start)
+    assert by == method and (found is None if balance else found is start)
+
+
 def test_methods_are_told_with_their_steps():
     fallbacks = globalization.Fallbacks()
     for method, step in (("one", 2), ("one", 2), ("one", 5), ("two", 3)):

@@ -112,6 +112,19 @@ def test_what_steps_miss_of_a_motion(contact):
                 np.testing.assert_allclose(np.interp(when, fine, away), away.max(), rtol=1e-9)
 
 
+@pytest.mark.parametrize("below, refused", [("1e-16", False), ("1e-6", True)])
+def test_what_is_zero_but_for_rounding_is_not_negative(contact, below, refused):
+    """As where a scene is turned: 1e-16 of the largest value, 9, is a rounding of it."""
+    more = f"macro cohesion() (9*x - 9*{below}) //"
+    if refused:
+        with pytest.raises(InputError, match="cohesion is negative on label 5 at"):
+            contact("negative", more)
+        return
+    b = contact("rounded", more)
+    assert b.columns["cohesion"].min() == 0.0
+    np.testing.assert_allclose(b.columns["cohesion"], 9 * b.xy[:, 0], atol=1e-12)
+
+
 @pytest.mark.parametrize("still", ["gapInTime(t) (0.1*t + x)",
                                    "obstacleInTime(x, y, t) (y + 0.1*t + 0.3*x)"])
 def test_surfaces_given_at_every_time(contact, still):

@@ -594,6 +594,57 @@ def test_what_histories_call_asks_for_no_place_either(said):
     assert "mine.edp line" in words and "ramp asks for x" in words
 
 
+@pytest.mark.parametrize("helper, name, obstacle", [
+    ("macro bump() (0.1*x) //", "bump", "obstacle(x, y) (y - bump + 1.)"),
+    ("func bump = 0.1*x;", "bump", "obstacle(x, y) (y - bump + 1.)"),
+    ("func real bump(real a) { return 0.1*a + x; }", "bump", "obstacle(x, y) (y - bump(x))"),
+    ("fespace Wide(body, P1); Wide bump = x;", "bump", "obstacleInTime(x, y, t) (y - t*bump)"),
+    ("", "obstacle", "obstacle(a, b) (b - 0.1*x + 1.)")])
+def test_obstacles_ask_for_no_place_but_their_arguments(said, helper, name, obstacle):
+    """Beside the place at hand it would be the same there, and so would the contact normal."""
+    words = said(("macro friction() F //", f"macro friction() F //\n{helper}\nmacro {obstacle} //"))
+    assert f"{name} asks for x, which is not among its arguments" in words
+
+
+@pytest.mark.parametrize("helper, obstacle", [
+    ("macro bump(x) (0.1*x) //", "(y - bump(x) + 1e-3*label)"),
+    ("func real bump(real a) { real x = 0.1*a; return x; }", "(y - bump(x))"),
+    ("fespace Wide(body, P1); Wide bump = x;", "(y - bump(x, y) - int1d(body, 3)(x))")])
+def test_obstacles_whose_helpers_have_arguments_are_not_refused(accepted, helper, obstacle):
+    accepted(f"macro friction() F //\n{helper}\nmacro obstacle(x, y) {obstacle} //")
+
+
+def test_a_variable_in_place_of_a_macro_is_refused_beside_a_parameter_of_its_name(said):
+    """SCENE reads physical("friction", 0.3)."""
+    words = said(("macro friction() F //", "real friction = F;"))
+    assert "nothing reads 'friction': what a scene declares is given by macros" in words
+
+
+@pytest.mark.parametrize("old, new, words", [
+    ("macro young() 1000. //", "macro young() (nuTriangle < 9 ? 1e3 : 2e3) //",
+     "young asks for nuTriangle, which"),
+    ("macro young() 1000. //", "macro young() stiff //\nfunc stiff = 1e3*(1 + nuEdge);",
+     "stiff asks for nuEdge"),
+    ("macro friction() F //", "macro friction() (F*(1. + 0.1*randreal1())) //",
+     "friction calls randreal1, which is")])
+def test_what_subdomains_count_by_themselves_is_no_declaration(said, old, new, words):
+    """Triangles have other numbers in each subdomain: pressures depended on the cut by a tenth."""
+    assert words in said((old, new))
+
+
+@pytest.mark.parametrize("text", [
+    "fespace V(body, P1); V v = randreal1();\nmacro friction() (F*v(x, y)) //",
+    "macro friction() F //\nmacro piece() nuTriangle //"])
+def test_numbers_of_the_whole_mesh_and_those_drawn_once_are_not_refused(accepted, text):
+    accepted(text)
+
+
+def test_functions_that_histories_call_ask_for_no_place(said):
+    words = said(("macro friction() F //", "macro friction() F //\nfunc ramp = x/2.;\n"
+                  "macro amplitude1(t) (t*ramp) //"))
+    assert "mine.edp line 14: ramp asks for x, but is the same at every place" in words
+
+
 @pytest.mark.parametrize("macro", ["amplitude1(x) (x*x)", "amplitude1(t) (t*table.x)",
                                    "amplitude1(t) x(t)", "obstacleX(t) (label == 3 ? t : 0.)",
                                    "amplitude1(t) (t/int1d(body, 3) ((x + 1.)*y)/2.)",
