@@ -39,8 +39,9 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
 - for the work of friction where the largest slip may be nothing but its own error: neither is sure;
 - where the coarsest mesh has so few nodes in contact that they tell nothing of it: an order with it
   may be chance, and no less is claimed than by the two other meshes alone;
-- where resultants and displacements change more and more from mesh to mesh, as where contact opens
-  elsewhere on each: not less than a mean of what the adjoint problem says and of the last change;
+- where resultants and displacements change more and more from mesh to mesh, to and fro or one way,
+  as where contact opens elsewhere on each: not less than a mean of what the adjoint problem says
+  and of the last change;
 - for loads that jump inside edges, which quadrature sees in part (soundness.py): by as much more as
   those of the run's mesh, or of the next one, may err;
 - for displacements where a node or two of a round boundary carry all: their force acts where a
@@ -296,7 +297,8 @@ class Caution:
         slack = np.inf if unseen else self.stiff  # for what smoothed stresses do not see
         told |= name not in HELD and (name != SLIP or len(changes) > 1)
         part = held(name, part, self.sizes.get(name), slack, told, self.seen)
-        if part.error is not None and not told and _grow(changes, ratios):
+        alone = name in self.sizes and not told  # the adjoint problem speaks
+        if part.error is not None and alone and _grow(changes, ratios):
             part = located(part, BETWEEN * float(np.sqrt(part.error * abs(changes[0]))))
         return part
 
@@ -323,8 +325,8 @@ def _enlarged(part: Part, more: float) -> Part:
 
 
 def _grow(changes: list, ratios: list[float]) -> bool:
-    """Whether changes from mesh to mesh have one sign and hardly fall."""
-    if len(changes) < 2 or changes[0] * changes[1] <= 0:
+    """Whether changes from mesh to mesh hardly fall, of one sign or turning back."""
+    if len(changes) < 2 or changes[0] * changes[1] == 0:
         return False
     return observed_order(abs(changes[0]), abs(changes[1]), *ratios[:2]) <= NO_ORDER
 
