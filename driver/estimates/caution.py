@@ -56,6 +56,7 @@ Found on 2,500 claims of shipped scenes, other scenes and random combinations of
 """
 
 from dataclasses import dataclass, field, replace
+from itertools import takewhile
 
 import numpy as np
 
@@ -190,8 +191,13 @@ class Caution:
                         formal_order("mesh", self.element, WAY, most=most))
 
     def order(self, touches: list[Touch], ratios: list[float], of=sharp_ends.order) -> float:
-        """Order that ends of contact and tips of cracks leave functionals at most."""
-        return np.inf if self.adapted else min(self.tips, of(list(touches), ratios))
+        """Order that ends of contact and tips of cracks leave functionals at most.
+
+        On a mesh where areas of contact are nodes the mean pressure is none, nor what ends have
+        over it: growth to the next mesh tells nothing, nor does its coming to an end.
+        """
+        known = [*touches[:1], *takewhile(lambda touch: touch.lone <= LONE, touches[1:])]
+        return np.inf if self.adapted else min(self.tips, of(known, ratios))
 
     def _grazes(self, parts: dict, coarser: list[dict]) -> bool:
         """Whether nothing touches, and something may."""
