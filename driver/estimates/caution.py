@@ -302,7 +302,8 @@ class Caution:
                   or self.touch.earlier and name in LEFT)
         slack = np.inf if unseen else self.stiff  # for what smoothed stresses do not see
         told |= name not in HELD and (name != SLIP or len(changes) > 1)
-        part = held(name, part, self.sizes.get(name), slack, told, self.seen)
+        part = held(name, part, self.sizes.get(name), slack, told, self.seen,
+                    self.element == "P1")
         alone = name in self.sizes and not told  # the adjoint problem speaks
         if part.error is not None and alone and _grow(changes, ratios):
             part = located(part, BETWEEN * float(np.sqrt(part.error * abs(changes[0]))))
