@@ -10,7 +10,8 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
   and the largest displacement may err by its square;
 - where no adjoint problem holds resultants and displacements: the second order of two meshes of
   quadratic elements or of two cycles is then not taken for granted, and two meshes alone say
-  nothing of shear, which has either sign and agrees by chance;
+  nothing of shear, which has either sign and agrees by chance, unless all that touches slides one
+  way on both: it is friction's part of the pressing force then;
 - for shear on a body that is pressed, if no adjoint problem holds it: it is not claimed to less
   than a part of the pressing force times the square of the error in energy, as both errors of a
   functional would be, since it may vanish by a symmetry of no mesh; none where meshes agree but for
@@ -71,7 +72,8 @@ from .free_peak import Peaks, exceeded
 LOCKED = 2.0  # lambda / mu (Poisson's ratio 1/3) from which linear elements are too stiff
 ROUGH, STEEP = 0.25, 2.0  # relative error in energy from which caution grows, and how fast
 LENGTH, PEAK = "contact_length", "peak_pressure"
-SHEAR_FORCE, WORK, WAY = "tangential_resultant", "dissipated_energy", "displacement"
+FORCE, SHEAR_FORCE = "normal_resultant", "tangential_resultant"
+WORK, WAY = "dissipated_energy", "displacement"
 SLIP = "slip"
 LEFT = (SHEAR_FORCE, WAY, SLIP)  # what earlier slip stays in; pressures hardly depend on it
 # of the geometric mean of two estimates, each off by a factor; what meshes and nodes say of the
@@ -176,7 +178,7 @@ class Caution:
             parts[LENGTH] = self._between(parts[LENGTH], changes[LENGTH])
             parts[LENGTH] = located(parts[LENGTH], self.touch.lighter(LIGHT * self.energy))
         if SHEAR_FORCE in values:
-            parts[SHEAR_FORCE] = self._shear(values, np.abs(changes[SHEAR_FORCE]), parts)
+            parts[SHEAR_FORCE] = self._shear(values, changes, parts)
         if WORK in values and _unsure(values, parts):
             parts[WORK] = located(parts[WORK], abs(values[WORK]))
         return parts
@@ -247,14 +249,22 @@ class Caution:
         least = max(doubt if told else BETWEEN * doubt, (self.touch.open or {}).get(LENGTH, 0.0))
         return located(replace(part, error=error), least)
 
-    def _shear(self, values: dict, changes: list[float], parts: dict) -> Part:
-        """Part of the shear force, with what is open of it whatever coarser meshes say."""
-        part, force = parts[SHEAR_FORCE], abs(values["normal_resultant"])
+    def _shear(self, values: dict, changes: dict, parts: dict) -> Part:
+        """Part of the shear force, with what is open of it whatever coarser meshes say.
+
+        Where all slides it is friction's part of the pressing force, and errs by that of the error.
+        """
+        part, force = parts[SHEAR_FORCE], abs(values[FORCE])
+        own = np.abs(changes[SHEAR_FORCE])
         if self.touch.dragged and _unsure(values, parts):
             return located(part, abs(values[SHEAR_FORCE]))
-        if max(changes, default=0.0) <= BALANCE * force:
+        if own.max(initial=0.0) <= BALANCE * force:
             return part
-        if len(changes) == 1 and not self.sizes:
+        if len(own) == 1 and not self.sizes:
+            share = values[SHEAR_FORCE] / (force or 1.0)
+            apart = abs(changes[SHEAR_FORCE][0] - share * changes[FORCE][0])
+            if self.touch.dragged and apart <= BALANCE * force and parts[FORCE].error is not None:
+                return replace(parts[FORCE], error=abs(share) * parts[FORCE].error)
             return Part(None, note=OF_TWO)
         if self.sizes:
             return part

@@ -199,6 +199,22 @@ def test_two_meshes_alone_say_nothing_of_shear():
     assert of(values)["tangential_resultant"].error < 1e-3
 
 
+@pytest.mark.parametrize("shear, slip, dragged, known", [
+    ([1.8, 1.83], [2.0, 2.1], True, True), ([1.8, 1.83], [2.0, 2.1], False, False),
+    ([1.8, 1.84], [2.0, 2.1], True, False)])
+def test_two_meshes_on_which_all_slides_tell_as_much_of_shear_as_of_pressure(shear, slip, dragged,
+                                                                             known):
+    """Friction's part of the pressing force errs by that part of its error; not where some stick,
+    on this mesh or on the other one.
+    """
+    found = of({"tangential_resultant": shear, "slip": slip, "normal_resultant": [6.0, 6.1]},
+               touch=Touch(open={}, dragged=dragged))
+    pressing = found["normal_resultant"].error
+    assert pressing > 0
+    error = found["tangential_resultant"].error
+    assert error == (pytest.approx(0.3 * pressing) if known else None)
+
+
 def test_errors_of_forces_do_not_cancel_where_meshes_tell_no_order():
     """Two meshes, or three that turn, do not converge, or do so faster than they can: the adjoint
     problem speaks alone; of displacements with the cancellation that it sees. With an order a claim
