@@ -267,7 +267,8 @@ def timed(stride: int = 1, at: int = 7, on_arrival: float = 0.0):
     of.sizes, of.stride, of.total, of.history = [1.0], stride, 8, History()
     of.parts = {"time": dict.fromkeys(VALUES, Part(0.0))}
     record = SimpleNamespace(
-        arrivals=lambda: 0.3, slid_on_arrival=lambda: on_arrival, displacements=[1.0] * 8, cycles=None, beside=lambda index: [
+        arrivals=lambda: 0.3, slid_on_arrival=lambda: on_arrival, displacements=[1.0] * 8,
+        cycles=None, beside=lambda index: [
             {"normal_resultant": np.sin(1.2 * np.pi * (index + k) / 8)} for k in range(3)])
     of.level = lambda size, *_: SimpleNamespace(values=VALUES, at=at, declared=8, record=record)
     return of
