@@ -36,8 +36,9 @@ not told    two meshes, differences that turn, hardly fall (caution.py), or fall
             can: coarse meshes agree, or differ by far more than they err, by chance. The adjoint
             problem speaks alone. Errors of contact forces lie at the ends of contact, where
             smoothed stresses are of lower order, and how they cancel hangs on the state: the claim
-            is gross over SEES squared. Those of a displacement lie in the body: the larger of net
-            over SEES squared and gross
+            is gross over SEES squared. So do those of a displacement of quadratic elements, whose
+            errors are small where solutions are smooth; those of linear ones lie in the body: the
+            larger of net over SEES squared and gross
 
 Peaks err below one node, where smoothed stresses are of lower order than the pressure: they have a
 limit from above alone, PEAK times gross; slip adds up over steps, of which the adjoint problem
@@ -85,11 +86,12 @@ class Sizes:
 
 
 def held(name: str, part: Part, sizes: Sizes | None, slack: float = 1.0,
-         told: bool = True, seen: float = 1.0) -> Part:
+         told: bool = True, seen: float = 1.0, linear: bool = True) -> Part:
     """The mesh's `part` of a quantity's error, held within what `sizes` leave.
 
     From above with a `slack`: the error may have parts that they do not see. `told`: whether meshes
     tell an order. `seen`: part of the bound of the error in energy that smoothed stresses see.
+    `linear`: the elements are.
     """
     if sizes is None or part.error is None or sizes.gross <= BLIND * part.error:
         return part
@@ -100,8 +102,8 @@ def held(name: str, part: Part, sizes: Sizes | None, slack: float = 1.0,
         concentrated = sizes.product > ALIKE * sizes.gross
         least, most = 0.0, PEAK * sizes.gross if concentrated else np.inf
     elif not told:
-        least = (max(unseen * sizes.net, sizes.gross) if name == "displacement"
-                 else unseen * sizes.gross)
+        in_the_body = name == "displacement" and linear
+        least = max(unseen * sizes.net, sizes.gross) if in_the_body else unseen * sizes.gross
         if name != "slip":  # no more, but for a polygon's error
             most = least / slack if np.isfinite(slack) else np.inf
     error = float(max(min(part.error, slack * most), least))

@@ -10,7 +10,8 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
   and the largest displacement may err by its square;
 - where no adjoint problem holds resultants and displacements: the second order of two meshes of
   quadratic elements or of two cycles is then not taken for granted, and two meshes alone say
-  nothing of shear, which has either sign and agrees by chance;
+  nothing of shear, which has either sign and agrees by chance, unless all that touches slides one
+  way on both: it is friction's part of the pressing force then;
 - for shear on a body that is pressed, if no adjoint problem holds it: it is not claimed to less
   than a part of the pressing force times the square of the error in energy, as both errors of a
   functional would be, since it may vanish by a symmetry of no mesh; none where meshes agree but for
@@ -39,8 +40,9 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
 - for the work of friction where the largest slip may be nothing but its own error: neither is sure;
 - where the coarsest mesh has so few nodes in contact that they tell nothing of it: an order with it
   may be chance, and no less is claimed than by the two other meshes alone;
-- where resultants and displacements change more and more from mesh to mesh, as where contact opens
-  elsewhere on each: not less than a mean of what the adjoint problem says and of the last change;
+- where resultants and displacements change more and more from mesh to mesh, to and fro or one way,
+  as where contact opens elsewhere on each: not less than a mean of what the adjoint problem says
+  and of the last change;
 - for loads that jump inside edges, which quadrature sees in part (soundness.py): by as much more as
   those of the run's mesh, or of the next one, may err;
 - for displacements where a node or two of a round boundary carry all: their force acts where a
@@ -55,6 +57,7 @@ Found on 2,500 claims of shipped scenes, other scenes and random combinations of
 """
 
 from dataclasses import dataclass, field, replace
+from itertools import takewhile
 
 import numpy as np
 
@@ -69,7 +72,8 @@ from .free_peak import Peaks, exceeded
 LOCKED = 2.0  # lambda / mu (Poisson's ratio 1/3) from which linear elements are too stiff
 ROUGH, STEEP = 0.25, 2.0  # relative error in energy from which caution grows, and how fast
 LENGTH, PEAK = "contact_length", "peak_pressure"
-SHEAR_FORCE, WORK, WAY = "tangential_resultant", "dissipated_energy", "displacement"
+FORCE, SHEAR_FORCE = "normal_resultant", "tangential_resultant"
+WORK, WAY = "dissipated_energy", "displacement"
 SLIP = "slip"
 LEFT = (SHEAR_FORCE, WAY, SLIP)  # what earlier slip stays in; pressures hardly depend on it
 # of the geometric mean of two estimates, each off by a factor; what meshes and nodes say of the
@@ -174,7 +178,7 @@ class Caution:
             parts[LENGTH] = self._between(parts[LENGTH], changes[LENGTH])
             parts[LENGTH] = located(parts[LENGTH], self.touch.lighter(LIGHT * self.energy))
         if SHEAR_FORCE in values:
-            parts[SHEAR_FORCE] = self._shear(values, np.abs(changes[SHEAR_FORCE]), parts)
+            parts[SHEAR_FORCE] = self._shear(values, changes, parts)
         if WORK in values and _unsure(values, parts):
             parts[WORK] = located(parts[WORK], abs(values[WORK]))
         return parts
@@ -189,8 +193,13 @@ class Caution:
                         formal_order("mesh", self.element, WAY, most=most))
 
     def order(self, touches: list[Touch], ratios: list[float], of=sharp_ends.order) -> float:
-        """Order that ends of contact and tips of cracks leave functionals at most."""
-        return np.inf if self.adapted else min(self.tips, of(list(touches), ratios))
+        """Order that ends of contact and tips of cracks leave functionals at most.
+
+        On a mesh where areas of contact are nodes the mean pressure is none, nor what ends have
+        over it: growth to the next mesh tells nothing, nor does its coming to an end.
+        """
+        known = [*touches[:1], *takewhile(lambda touch: touch.lone <= LONE, touches[1:])]
+        return np.inf if self.adapted else min(self.tips, of(known, ratios))
 
     def _grazes(self, parts: dict, coarser: list[dict]) -> bool:
         """Whether nothing touches, and something may."""
@@ -240,14 +249,22 @@ class Caution:
         least = max(doubt if told else BETWEEN * doubt, (self.touch.open or {}).get(LENGTH, 0.0))
         return located(replace(part, error=error), least)
 
-    def _shear(self, values: dict, changes: list[float], parts: dict) -> Part:
-        """Part of the shear force, with what is open of it whatever coarser meshes say."""
-        part, force = parts[SHEAR_FORCE], abs(values["normal_resultant"])
+    def _shear(self, values: dict, changes: dict, parts: dict) -> Part:
+        """Part of the shear force, with what is open of it whatever coarser meshes say.
+
+        Where all slides it is friction's part of the pressing force, and errs by that of the error.
+        """
+        part, force = parts[SHEAR_FORCE], abs(values[FORCE])
+        own = np.abs(changes[SHEAR_FORCE])
         if self.touch.dragged and _unsure(values, parts):
             return located(part, abs(values[SHEAR_FORCE]))
-        if max(changes, default=0.0) <= BALANCE * force:
+        if own.max(initial=0.0) <= BALANCE * force:
             return part
-        if len(changes) == 1 and not self.sizes:
+        if len(own) == 1 and not self.sizes:
+            share = values[SHEAR_FORCE] / (force or 1.0)
+            apart = abs(changes[SHEAR_FORCE][0] - share * changes[FORCE][0])
+            if self.touch.dragged and apart <= BALANCE * force and parts[FORCE].error is not None:
+                return replace(parts[FORCE], error=abs(share) * parts[FORCE].error)
             return Part(None, note=OF_TWO)
         if self.sizes:
             return part
@@ -295,8 +312,10 @@ class Caution:
                   or self.touch.earlier and name in LEFT)
         slack = np.inf if unseen else self.stiff  # for what smoothed stresses do not see
         told |= name not in HELD and (name != SLIP or len(changes) > 1)
-        part = held(name, part, self.sizes.get(name), slack, told, self.seen)
-        if part.error is not None and not told and _grow(changes, ratios):
+        part = held(name, part, self.sizes.get(name), slack, told, self.seen,
+                    self.element == "P1")
+        alone = name in self.sizes and not told  # the adjoint problem speaks
+        if part.error is not None and alone and _grow(changes, ratios):
             part = located(part, BETWEEN * float(np.sqrt(part.error * abs(changes[0]))))
         return part
 
@@ -323,8 +342,8 @@ def _enlarged(part: Part, more: float) -> Part:
 
 
 def _grow(changes: list, ratios: list[float]) -> bool:
-    """Whether changes from mesh to mesh have one sign and hardly fall."""
-    if len(changes) < 2 or changes[0] * changes[1] <= 0:
+    """Whether changes from mesh to mesh hardly fall, of one sign or turning back."""
+    if len(changes) < 2 or changes[0] * changes[1] == 0:
         return False
     return observed_order(abs(changes[0]), abs(changes[1]), *ratios[:2]) <= NO_ORDER
 

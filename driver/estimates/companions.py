@@ -22,6 +22,7 @@ from .mesh_part import MeshPart
 SETTLED = 1e-7
 FEW = 4  # steps below which coarser times tell nothing
 MANY = 20  # steps of which the first one matters little, where coarser times share it
+MOSTLY = 0.5  # of the largest slip
 FINER = 4  # times as many steps then, also where steps miss what a history does
 ENOUGH = 64  # steps of a companion up to which there may be more, so that it misses nothing
 OF_MESHES, OF_STEPS, OF_JUMPS = "coarser meshes", "time steps", "jumps over cycles"
@@ -53,6 +54,7 @@ class Companions:
         self.strides = Strides(self.effects, self.manifest,
                                self.operator.structure.contact.motion_of_all_times)
         self.arrivals = record.arrivals() if "slip" in self.values else 0.0
+        self.on_arrival = record.slid_on_arrival() if "slip" in self.values else 0.0
         self.open_work = record.open_work()
         rows = record.cycles.past.rows if levels.plan else ()
         self.summed = {"dissipated_energy": record.cycle_work,
@@ -233,13 +235,15 @@ class Companions:
 
         Where there are few steps, or so few would miss what the history does, twice and four times
         as many. So it is where these times would leave the first step of few as it is: what
-        friction does in it would be right in all of them. These are not run if they are not
-        `wanted`.
+        friction does in it would be right in all of them; and where most of the largest slip was
+        made in steps in which nodes touched first, which fewer steps join with more of the air
+        before, where a way may lead elsewhere. These are not run if they are not `wanted`.
         """
         steps = self.manifest.steps
         coarser_by = [by for by in (2, 4) if steps >= MANY or not steps % by]
         if self.effects.frictional and (steps < FEW or not coarser_by
-                                        or self.strides.misses(FEW)):
+                                        or self.strides.misses(FEW)
+                                        or steps < MANY and self.on_arrival > MOSTLY):
             if wanted:
                 return self._more_time()
             self.notes.append(UNLOOKED)
@@ -279,7 +283,7 @@ class Companions:
         except DriverError as problem:
             self.notes.append(f"companion with {parts * self.manifest.steps} steps: {problem}")
             return dict.fromkeys(self.values, Part(None, note=UNTRIED))
-        # every `parts`-th of the finest steps are those of the run, in which the mesh was run before
+        # every `parts`-th of the finest steps is one of the run, which the mesh has been run in
         values = [self._values(mesh) if stride == parts
                   else self._values({**mesh, "sampling": parts}, stride) for stride in (1, 2, 4)]
         own = values[2] if parts == FINER else self._values(mesh)

@@ -13,7 +13,7 @@ from .contact_edges import NODES, chains, contact_length
 from .quantities import (REPEATS, farthest_node, largest_pressure, of_moment, peak_nodes,
                          quantities, singular_places)
 from .shares import label_shares
-from .touch import Touch, of_arrivals
+from .touch import Touch, of_arrivals, slid_on_arrival
 
 ROUND = 1e-6  # change of normals along a boundary that is not straight
 INSIDE = 1e-2  # of the largest displacement: depth of a clamped place inside what it meets
@@ -154,6 +154,10 @@ class Record:
     def arrivals(self) -> float:
         """What the steps leave open of the largest slip, see touch.of_arrivals."""
         return of_arrivals(*self._columns())
+
+    def slid_on_arrival(self) -> float:
+        """Part of the farthest way that was made in steps in which the node first touched."""
+        return slid_on_arrival(*self._columns())
 
     def open_work(self) -> float:
         """Of friction's work in a single step, what it leaves open where nodes first touch."""

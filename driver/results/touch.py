@@ -191,6 +191,20 @@ def of_arrivals(nodes: dict, steps: dict) -> float:
     return float(most - least)
 
 
+def slid_on_arrival(nodes: dict, steps: dict) -> float:
+    """Part of the farthest way of a node that it made in steps in which it began open."""
+    top, arrives = farthest_node(steps, len(steps["status"]) - 1), _arrives(nodes, steps)
+    way = np.where(steps["status"] == SLIP, moves(steps), 0.0)[:, top]
+    return float(way[arrives[:, top]].sum() / (way.sum() or 1.0))
+
+
+def _arrives(nodes: dict, steps: dict) -> np.ndarray:
+    """(steps, n) whether nodes begin a step open and end it in contact."""
+    closed = steps["status"] != OPEN
+    began = nodes["gap"] <= CLOSED * np.abs(steps["u_n"]).max(initial=0.0)
+    return closed & ~np.vstack([began, closed[:-1]])
+
+
 def _in_contact(nodes: dict, steps: dict) -> np.ndarray:
     """(steps, n) part of each step in which nodes that are in contact at its end have been so.
 
@@ -199,13 +213,11 @@ def _in_contact(nodes: dict, steps: dict) -> np.ndarray:
     follows half of the step is taken.
     """
     closed = steps["status"] != OPEN
-    began = nodes["gap"] <= CLOSED * np.abs(steps["u_n"]).max(initial=0.0)
-    before = np.vstack([began, closed[:-1]])
     pressure = np.abs(steps["sigma_n"])
     rise = pressure[1:] - pressure[:-1]
     grown = np.divide(pressure[:-1], rise, out=np.ones_like(rise), where=rise > pressure[:-1])
-    part = np.vstack([np.where(closed[1:], grown, HALF), np.full((1, len(began)), HALF)])
-    return np.where(closed & ~before, part, 1.0)
+    part = np.vstack([np.where(closed[1:], grown, HALF), np.full((1, closed.shape[1]), HALF)])
+    return np.where(_arrives(nodes, steps), part, 1.0)
 
 
 def _standing_out(nodes: dict, pressure: np.ndarray) -> float:

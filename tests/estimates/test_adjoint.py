@@ -182,6 +182,14 @@ def test_the_adjoint_speaks_alone_where_meshes_tell_no_order(error, slack, expec
     assert part.error == pytest.approx(expected)
 
 
+@pytest.mark.parametrize("linear, expected", [(True, 2.0), (False, 2.0 * ONCE)])
+def test_displacements_of_quadratic_elements_err_at_ends_of_contact(linear, expected):
+    """As forces do: how errors cancel there hangs on the contact state, which meshes do not tell.
+    """
+    part = held("displacement", Part(99.0), Sizes(0.1, 2.0, 30.0), told=False, linear=linear)
+    assert part.error == pytest.approx(expected)
+
+
 @pytest.mark.parametrize("seen, factor", [
     (1.0, ONCE), (0.6, ONCE), (0.3, 1 / (0.3 * adjoint.OVER) ** 2)])
 def test_what_smoothed_stresses_see_is_what_the_bound_says_where_that_is_less(seen, factor):

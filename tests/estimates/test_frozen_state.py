@@ -159,10 +159,23 @@ def test_coarser_times_do_not_share_the_first_of_few_steps(steps, frictional, ex
     of, strides = object.__new__(Companions), []
     of.strides = SimpleNamespace(misses=lambda _: False)
     of.effects, of.base = SimpleNamespace(frictional=frictional), {}
-    of.manifest = SimpleNamespace(steps=steps, cycle_start=0)
+    of.manifest, of.on_arrival = SimpleNamespace(steps=steps, cycle_start=0), 0.0
     of._values = lambda mesh, stride: strides.append(stride)
     of._parts, of._more_time = (lambda *_: strides), (lambda: None)
     assert of._time() == expected
+
+
+@pytest.mark.parametrize("steps, part, more", [
+    (8, 0.6, True), (8, 0.4, False), (20, 0.6, False)])
+def test_what_was_slid_on_arrival_takes_more_steps(steps, part, more):
+    """Fewer ones join it with more of the way in the air; of many three numbers tell."""
+    of = object.__new__(Companions)
+    of.strides, of.base = SimpleNamespace(misses=lambda _: False), {}
+    of.effects, of.on_arrival = SimpleNamespace(frictional=True), part
+    of.manifest = SimpleNamespace(steps=steps, cycle_start=0)
+    of._values, of._parts = (lambda *_: None), (lambda *_: "fewer")
+    of._more_time = lambda: "more"
+    assert of._time() == ("more" if more else "fewer")
 
 
 @pytest.mark.parametrize("base, nodes, mesh", [

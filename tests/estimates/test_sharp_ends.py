@@ -77,6 +77,14 @@ def test_growth_that_does_not_go_on_is_none():
     assert sharp_ends.order(steep, [2.0, 2.0]) == pytest.approx(2 * (1 - sharp_ends.MOST))
 
 
+@pytest.mark.parametrize("lone, order", [(0.2, 1.0), (0.0, np.inf)])
+def test_a_mesh_whose_areas_of_contact_are_nodes_does_not_end_growth(lone, order):
+    """Its mean pressure is none: what ends have over it is as good as unknown."""
+    meshes = [touch(0.005, 0.5), touch(0.01, 0.5), replace(touch(0.02, 0.7), lone=lone)]
+    found = Caution("P1", touch=meshes[0]).order(meshes, [2.0, 2.0])
+    assert found == (pytest.approx(order, abs=0.06) if lone else order)
+
+
 @pytest.mark.parametrize("start, periodic, order", [
     (10.4, False, 1.0), (10.4, True, np.inf), (12.0, False, np.inf)])
 def test_where_a_tie_begins_the_order_is_that_of_the_tip_of_a_crack(start, periodic, order):

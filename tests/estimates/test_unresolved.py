@@ -260,13 +260,15 @@ class History:
         "1": np.sin(1.2 * np.pi * np.linspace(0, 1, 65))})
 
 
-def timed(stride: int = 1, at: int = 7):
+def timed(stride: int = 1, at: int = 7, on_arrival: float = 0.0):
     """Trials of eight steps, and a level whose quantities belong to the step `at`."""
     of = object.__new__(trials.Trials)
+    of.name = "displacement"
     of.sizes, of.stride, of.total, of.history = [1.0], stride, 8, History()
     of.parts = {"time": dict.fromkeys(VALUES, Part(0.0))}
     record = SimpleNamespace(
-        arrivals=lambda: 0.3, displacements=[1.0] * 8, cycles=None, beside=lambda index: [
+        arrivals=lambda: 0.3, slid_on_arrival=lambda: on_arrival, displacements=[1.0] * 8,
+        cycles=None, beside=lambda index: [
             {"normal_resultant": np.sin(1.2 * np.pi * (index + k) / 8)} for k in range(3)])
     of.level = lambda size, *_: SimpleNamespace(values=VALUES, at=at, declared=8, record=record)
     return of
@@ -289,6 +291,14 @@ def test_a_search_claims_what_steps_leave_open_of_a_slip(stride, error):
     found = of.budget()
     assert found["slip"]["time"] == pytest.approx(error) and found["displacement"]["time"] == 0.0
     assert of.claimed["time"]["slip"].error == pytest.approx(error)  # of prices as well
+
+
+@pytest.mark.parametrize("on_arrival, known", [(0.4, True), (0.6, False)])
+def test_a_search_for_another_quantity_does_not_claim_slip_that_was_made_on_touching(on_arrival,
+                                                                                     known):
+    """In few steps, which coarser ones join with more of the way in the air."""
+    found = timed(2, on_arrival=on_arrival).claimed["time"]["slip"]
+    assert (found.error is not None) == known and bool(found.note) != known
 
 
 def test_a_search_says_of_too_few_steps_what_it_claims():

@@ -316,6 +316,13 @@ def test_steps_leave_open_what_was_slid_while_contact_began(pressure, more, left
     assert touch.of_arrivals(*arriving(pressure, **more)) == pytest.approx(left)
 
 
+@pytest.mark.parametrize("more, part", [
+    ({}, 3 / 6), ({"gap": 0.0}, 0.0), ({"others": 2.5}, 0.0)])
+def test_part_of_the_farthest_way_that_was_made_in_the_step_of_touching(more, part):
+    """None where the node touched from time 0 on, nor of another that has gone farther."""
+    assert touch.slid_on_arrival(*arriving([1.0, 1.5, 2.0], **more)) == pytest.approx(part)
+
+
 def test_a_node_that_turned_on_touching_may_have_slid_as_far_as_in_the_next_step():
     """In contact for half of the first step, whose way is but 0.1 where the next one is 2."""
     nodes, steps = arriving([1.0, 3.0, 5.0])

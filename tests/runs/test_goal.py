@@ -621,6 +621,22 @@ def test_the_part_of_time_is_from_steps_that_miss_nothing(coarser_misses, used):
     assert of.parts["time"]["slip"].error == pytest.approx(alone + change * coarser_misses)
 
 
+@pytest.mark.parametrize("name, part, steps", [
+    ("slip", 0.6, 20), ("slip", 0.4, 5), ("displacement", 0.6, 5)])
+def test_slip_that_is_made_on_touching_takes_steps_that_tell(name, part, steps):
+    """Five and ten agree: they join the step of touching with as much of the way in the air."""
+    of = object.__new__(trials.Trials)
+    of.parts, of.stride, of.total, of.name, of.asked = {}, 128, 640, name, 0.1
+    of._misses = lambda stride: True
+    of.level = lambda size, stride: SimpleNamespace(
+        record=SimpleNamespace(slid_on_arrival=lambda: part))
+    tried = []
+    of.values = lambda size, stride: tried.append(of.total // stride) or {
+        "slip": 1.0 + (stride < 64), "displacement": 1.0}
+    of.choose_steps(1.0)
+    assert of.steps == steps and max(tried) == max(10, steps)
+
+
 @pytest.mark.slow
 def test_what_even_the_scenes_own_steps_miss_is_said(solved, named_scene):
     path = named_scene("pulse", """include "scene.idp"
