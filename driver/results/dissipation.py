@@ -194,7 +194,7 @@ def _whole(solver, weights: np.ndarray, apart: np.ndarray) -> np.ndarray:
     softness = solver.operator.softness
     if softness is None:
         return _iterated(solver, weights, apart)
-    solver.qp.soften(np.zeros(len(softness)))  # that of the step that a run is at
+    solver.qp.soften(np.zeros(len(softness)))  # not by the step that a run is at
     try:
         return _iterated(solver, weights, apart)
     finally:
