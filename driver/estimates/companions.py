@@ -283,7 +283,7 @@ class Companions:
         except DriverError as problem:
             self.notes.append(f"companion with {parts * self.manifest.steps} steps: {problem}")
             return dict.fromkeys(self.values, Part(None, note=UNTRIED))
-        # every `parts`-th of the finest steps is one of the run, which the mesh has been run in
+        # every `parts`-th of the finest steps are the run's own, in which the mesh was run before
         values = [self._values(mesh) if stride == parts
                   else self._values({**mesh, "sampling": parts}, stride) for stride in (1, 2, 4)]
         own = values[2] if parts == FINER else self._values(mesh)

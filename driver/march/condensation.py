@@ -200,21 +200,21 @@ class Condensation:
         op.products = products  # a part of the elimination, made again after an interruption
         return np.reshape(moved, (op.structure.patterns, self.total)).T
 
-    def without_contact(self, weights: np.ndarray, rigid: np.ndarray) -> np.ndarray:
+    def without_contact(self, weights: np.ndarray, apart: np.ndarray) -> np.ndarray:
         """(owned,) movements of the contact rows of glued bodies by loads of `weights`, where there
         are no contact forces but those of bilateral contact.
 
-        These take the rows that pull to their gap with the motions `rigid` (owned,) of bodies that
-        nothing else holds. Where there is an `elimination`. Collective; raises NotConverged.
+        These close the rows that pull, which whole bodies move by `apart` (k,) more than the gaps
+        of normal rows are. Where there is an `elimination`. Collective; raises NotConverged.
         """
         rows, moved = self.rows, self._responses @ weights[: self.operator.structure.patterns]
-        apart, pulls = np.zeros((2, self.operator.owned))
-        apart[rows.normal], pulls[rows.normal] = rigid[rows.normal] - rows.gap, rows.pulls
+        beyond, pulls = np.zeros((2, self.operator.owned))
+        beyond[rows.normal], pulls[rows.normal] = apart, rows.pulls
         held = np.flatnonzero(self._gathered(pulls, self._every))
         if held.size:
             compliance = self.elimination.compliance()[:, held]
-            force = np.linalg.solve(compliance[held], (moved + self._gathered(
-                apart, self._every))[held])
+            beyond = self._gathered(beyond, self._every)
+            force = np.linalg.solve(compliance[held], (moved + beyond)[held])
             moved -= compliance @ force
         found, (own, places, _) = np.zeros(self.operator.owned), self._every
         found[places] = moved[own]

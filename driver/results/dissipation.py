@@ -159,8 +159,10 @@ def without_contact(solver, boundary) -> np.ndarray:
     patterns = operator.structure.patterns
     weights = np.zeros(patterns + operator.modes)
     weights[:patterns] = solver.amplitudes[1]
-    rigid = operator.rigid_response(weights)
-    moved = _whole(solver, weights, rigid) + rigid
+    rigid, (start, end) = operator.rigid_response(weights), solver.times[:2]
+    # not the gaps of the `rows`, which are those of the step that a run is at
+    gap = operator.structure.contact.at(end).gap[rows.normal_node]
+    moved = _whole(solver, weights, rigid[rows.normal] - gap) + rigid
     free = np.zeros(len(moved), bool)
     for unit in np.eye(patterns + operator.modes)[patterns:]:
         motion = np.abs(operator.rigid_response(unit))
@@ -172,27 +174,38 @@ def without_contact(solver, boundary) -> np.ndarray:
     found[0, rows.normal_node] = moved[rows.normal]
     found[1, rows.tangential_node] = moved[rows.tangential]
     found = np.sum(operator.comm.allgather(found), axis=0)[:, : len(boundary.gid)]
-    start, end = solver.times[:2]
     found[0] += boundary.gap - boundary.at(end).gap
     found[1] -= boundary.way(start, end)
     return found
 
 
-def _whole(solver, weights: np.ndarray, rigid: np.ndarray) -> np.ndarray:
+def _whole(solver, weights: np.ndarray, apart: np.ndarray) -> np.ndarray:
     """(owned,) displacements of contact rows under loads of `weights`, of bodies glued and tied.
 
-    Bilateral contact holds as well, with the `rigid` motions (owned,) of whole bodies: what it
-    meets is not met first. By what the first step has eliminated, where it has. Collective.
+    Bilateral contact holds as well, where whole bodies move by `apart` (k,) more than normal rows
+    have gaps: what it meets is not met first. By what the first step has eliminated, where it has.
+    Collective.
     """
     if solver.fixed_point.shortcut.comes_first:
         try:
-            return solver.condensation.without_contact(weights, rigid)
+            return solver.condensation.without_contact(weights, apart)
         except NotConverged:
             pass  # nor could the step be solved by it
+    softness = solver.operator.softness
+    if softness is None:
+        return _iterated(solver, weights, apart)
+    solver.qp.soften(np.zeros(len(softness)))  # not by the step that a run is at
+    try:
+        return _iterated(solver, weights, apart)
+    finally:
+        solver.qp.soften(softness)
+
+
+def _iterated(solver, weights: np.ndarray, apart: np.ndarray) -> np.ndarray:
+    """As `_whole`, by conjugate gradients with the operator as it is."""
     rows, qp, torn = solver.rows, solver.qp, solver.operator.elastic_response(weights)
     d = torn.copy()
-    pulls = rows.normal[rows.pulls]
-    d[pulls] += rigid[pulls] - rows.gap[rows.pulls]
+    d[rows.normal[rows.pulls]] += apart[rows.pulls]
     lower, upper = np.full((2, len(d)), [[-np.inf], [np.inf]])
     fixed = np.append(rows.normal[~rows.pulls], rows.tangential)
     lower[fixed] = upper[fixed] = 0.0

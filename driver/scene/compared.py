@@ -47,20 +47,39 @@ def check(scene: Path, manifest: Manifest) -> None:
 def asked_elsewhere(scene: Path, manifest: Manifest) -> list[str]:
     """A line for every contact law that asks for labels without contact, and for none that has it.
 
-    It has one value everywhere then. Who asks for one of these as well may have left others out.
+    It has one value everywhere then. Who asks for one of these as well may have left others out:
+    in any of the macros that a law calls, and by a name or an inequality, which is not judged.
     """
     macros = [macro for source in grammar.sources(scene) for macro in grammar.definitions(source)]
-    laws, own = pitfalls.declaring(macros, rooms.of_contact()), manifest.contact_labels
-    numbers, lines = _named(scene), []
-    for macro in macros:
-        asked = [number for name, number, sign in _compared(macro, numbers)
-                 if (name, sign) == ("label", "=")]
-        if macro.name in laws and own and asked and not set(asked) & set(own):
-            lines.append(f"{macro.path.name} line {macro.line}: {macro.name} asks for label "
-                         f"{asked[0]}, where there is no contact, and not for "
-                         f"{', '.join(map(str, own))}, where it is: what it says of label "
-                         f"{asked[0]} counts nowhere")
-    return lines
+    own, numbers = manifest.contact_labels, _named(scene)
+    declared = frozenset(name for room in rooms.rooms() if room.name in manifest.rooms
+                         for macro in room.macros for name in macro.names)
+    lines: dict[str, None] = {}
+    for law in {macro.name for macro in macros} & declared & rooms.of_contact():
+        called = pitfalls.declaring(macros, frozenset([law]))
+        parts = [macro for macro in macros if macro.name in called]
+        asked = [number for macro in parts for number in _labels(macro, numbers)]
+        if own and None not in asked and not set(asked) & set(own):
+            lines |= {_elsewhere(macro, labels[0], own): None for macro in parts
+                      if (labels := _labels(macro, numbers))}
+    return sorted(lines)
+
+
+def _elsewhere(macro: grammar.Definition, label: int, own: list[int]) -> str:
+    """What a macro that asks for the `label` alone is told; `own` labels have contact."""
+    return (f"{macro.path.name} line {macro.line}: {macro.name} asks for label {label}, where "
+            f"there is no contact, and not for {', '.join(map(str, own))}, where it is: what it "
+            f"says of label {label} counts nowhere")
+
+
+def _labels(macro: grammar.Definition, numbers: dict[str, int]) -> list[int | None]:
+    """Labels that a macro asks for, also by names for `numbers`; None for every other comparison
+    with the label.
+    """
+    compared = [entry for entry in _compared(macro, numbers) if entry[0] == "label"]
+    named = len(re.findall(r"\blabel\b", grammar.without_texts(macro.content)))
+    return [number for _, number, sign in compared if sign == "="] + [None] * (
+        named - len(compared))
 
 
 def _named(scene: Path) -> dict[str, int]:

@@ -78,7 +78,7 @@ include "export.idp"
 """
 
 
-@pytest.mark.parametrize("cut, element", [(2, "P1"), (4, "P2"), (40, "P1")])
+@pytest.mark.parametrize("cut, element", [(2, "P1"), (4, "P2"), (50, "P1"), (50, "P2")])
 @pytest.mark.some(1)
 def test_cuts_along_lines_inside_a_body_are_interfaces(exported, named_scene, made, cut, element):
     """Whatever labels the lines have; but for them the outline and what is inside keep theirs."""

@@ -199,6 +199,36 @@ def test_where_loads_alone_would_take_a_body_is_known_by_what_its_step_has_elimi
     assert np.allclose(found[0, at_wall][1:-1], 0.3, rtol=0, atol=close) == bool(pulls)
 
 
+@pytest.mark.parametrize("first", [True, False], ids=["eliminated", "iterated"])
+@pytest.mark.some(2)
+def test_where_loads_alone_would_take_a_body_does_not_depend_on_the_step_that_a_run_is_at(
+        exported, named_scene, monkeypatch, first):
+    """An interrupted run asks before its next step, others after the first: of bilateral contact
+    with an obstacle that moves, of surfaces that wear.
+    """
+    scene = ONTO.format(history="quasistatic(1.);", loads="""\
+macro support() on(4, u1 = 0., u2 = 0.) //
+macro bilateral() (label == 2) //
+macro obstacleX(t) (-0.2*t) //
+macro wear() 1e-3 //
+macro load1() traction(3, 30., -40.)""")
+    scene = scene.replace("rectangle(0., 20., 0., 10.);",
+                          "body = square(16, 8, [20. * x, 10. * y]);").replace("contact() 1",
+                                                                             "contact() 1, 2")
+    scene = scene.replace("macro gap() 0.3", "macro obstacle(x, y) min(20.3 - (x), (y) + 0.3)")
+    export = exported(named_scene("pushed", scene), subdomains=7, steps=2)
+    solver = assemble(export, MPI.COMM_SELF).solver(Settings())
+    boundary = solver.operator.structure.contact
+    monkeypatch.setattr(type(solver.fixed_point.shortcut), "comes_first", first)
+    before, steps = dissipation.without_contact(solver, boundary), solver.steps()
+    for _ in steps:
+        softness = solver.operator.softness
+        assert softness.any()
+        assert np.array_equal(dissipation.without_contact(solver, boundary), before)
+        assert np.array_equal(solver.operator.softness, softness)
+    assert np.isfinite(before).all() and before.any()
+
+
 def test_what_sticks_takes_nothing():
     of = Dissipation(np.ones(1), np.zeros(1), np.zeros(1))
     one = {C.U_N: 0.0, C.SLIP: 1e-9, C.BOUND: 3.0, C.SIGMA_T: -2.9}

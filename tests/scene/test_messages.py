@@ -726,7 +726,11 @@ def test_contact_laws_that_ask_for_a_second_label(said, law, words):
      "glued asks for label 2, where there is no"),
     ("friction() F //\nmacro gap() (label == 2 || label == 3 ? 0.1 : 0.)", "gap asks for label 2"),
     ("friction() (label == 1 ? 0.1 : (label == 2 ? 0.2 : 0.))", ""),
-    ("friction() (label != 2 ? 0.1 : 0.)", "")])
+    ("friction() (label != 2 ? 0.1 : 0.)", ""),
+    ("friction() (label == bottom ? 0.1 : (label == 3 ? 0.2 : 0.)) //\nint bottom = 1; //", ""),
+    ("friction() (label < 2 || label == 3 ? 0.1 : 0.)", ""),
+    ("friction() (one ? 0.1 : (two ? 0.2 : 0.)) //\nmacro one() (label == 1) //\n"
+     "macro two() (label == 2)", "")])
 @pytest.mark.some(3)
 def test_contact_laws_that_ask_for_labels_without_contact_alone(tmp_path, law, words):
     """A number mistyped is zero everywhere; one of several may have its contact left out."""
@@ -735,6 +739,9 @@ def test_contact_laws_that_ask_for_labels_without_contact_alone(tmp_path, law, w
     manifest = freefem.export(path, tmp_path / "export", SMALL)
     said = compared.asked_elsewhere(path, manifest)
     assert len(said) == bool(words) and words in "".join(said)
+    del manifest.rooms["friction"]  # as where it is left out: then nobody reads it
+    left = compared.asked_elsewhere(path, manifest)
+    assert left == [line for line in said if ": friction asks" not in line]
 
 
 def test_laws_that_ask_for_first_labels_and_loads_for_any(tmp_path):
