@@ -129,6 +129,18 @@ def test_frozen_states_are_solved_by_the_contact_rows_alone(marched, monkeypatch
                 getattr(sizes, part), rel=1e-6, abs=nothing), (name, part)
 
 
+def test_nothing_is_eliminated_for_adjoint_problems_alone(marched, monkeypatch):
+    """As where a last step, by conjugate gradients, has seen that elimination had been cheaper: it
+    takes hundreds of products then.
+    """
+    problem, record, step = marched("joint", h=1.6, subdomains=3, steps=1)
+    solver = record.contact.solver
+    assert of(problem, record, step).system is not None
+    monkeypatch.setitem(solver.history.counts, "condensed_steps", 0)
+    monkeypatch.setattr(type(solver.condensation), "compliance", None)
+    assert solver.condensation.eliminated and of(problem, record, step).system is None
+
+
 def test_frozen_systems_take_no_more_matrices_than_they_need():
     """Two at most, of all rows and of those that are held, which the factors take the place of; the
     system is not symmetric.
