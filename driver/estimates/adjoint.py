@@ -151,9 +151,11 @@ class Adjoint:
             self.ratio[slides] = (rows.coefficient * sign)[slides]
 
     def _condensed(self) -> FrozenSystem | None:
-        """That of the state on the contact rows, where steps have eliminated the gluing rows."""
-        condensation = self.solver.condensation
-        if not condensation.eliminated or condensation.elimination is None:
+        """That of the state on the contact rows, where steps have eliminated the gluing rows: not
+        where the last one has but learnt that it pays, as it may not for these problems alone.
+        """
+        condensation, counts = self.solver.condensation, self.solver.history.counts
+        if not condensation.eliminated or not counts["condensed_steps"]:
             return None
         try:
             return FrozenSystem(condensation, self.upper > 0, self.ratio)

@@ -22,8 +22,10 @@ class FrozenSystem:
         self._condensation = condensation
         self._ratio = condensation.of_tangential(ratio)
         self._held = np.flatnonzero(condensation.gather(held.astype(float)))
-        followed = self._followed(condensation.compliance())
-        self._factor, self._pivots, failed = lapack.dgetrf(followed[np.ix_(self._held, self._held)])
+        followed = self._followed(condensation.compliance())[np.ix_(self._held, self._held)]
+        # in place: thousands of rows have matrices of hundreds of MB; of the transpose, as LAPACK
+        # stores by columns
+        self._factor, self._pivots, failed = lapack.dgetrf(followed.T, overwrite_a=True)
         if failed:
             raise NotConverged("the frozen contact state does not hold the bodies")
 
@@ -36,7 +38,7 @@ class FrozenSystem:
         right = self._followed(-condensation.gather(left))[self._held]
         force = np.zeros(condensation.size)
         if len(right):
-            force[self._held] = lapack.dgetrs(self._factor, self._pivots, right)[0]
+            force[self._held] = lapack.dgetrs(self._factor, self._pivots, right, trans=1)[0]
         x = condensation.place(force, glued)
         return condensation.glued(moved, x, condensation.operator.apply(x) - moved)[0]
 

@@ -86,8 +86,7 @@ def draw_obstacles(axes, run: Run, time: float, size: float, factor: float, box:
     start, end = (factor * np.column_stack([sides[x], sides[y]])
                   for x, y in (("x0", "y0"), ("x1", "y1")))
     start, end = shifted(start, end, away)
-    for part in _shown(start, end, size, box):
-        here = smoothed(start, end, part, FINE * size, CORNER)
+    for here in _shown(start, end, size, box):
         axes.add_collection(LineCollection(np.stack(here, axis=1), colors=INK, linewidths=0.8))
         hatch(axes, *here, right_of(*here), marks_size(*here, size), INK)
 
@@ -107,18 +106,27 @@ def where_it_goes(run: Run, box: np.ndarray) -> np.ndarray:
                      np.maximum(box[1], np.minimum(places.max(axis=0), box[1] + room))])
 
 
-def _shown(start: np.ndarray, end: np.ndarray, size: float, box: np.ndarray) -> list[np.ndarray]:
-    """Edges of every connected curve that are drawn: all of a small one, else those near the box,
-    also where both their ends are beyond it.
+def _shown(start: np.ndarray, end: np.ndarray, size: float,
+           box: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Sides of every connected curve that are drawn, smooth ones: all of a small one, else those
+    near the box. Edges may be longer than it, with both their ends far away.
     """
-    low, high = box[0] - NEAR * size, box[1] + NEAR * size
-    near = ((np.minimum(start, end) < high) & (np.maximum(start, end) > low)).all(axis=1)
-    found = []
+    near, found = _near(start, end, size, box), []
     for chain in map(np.array, chains(start, end)):
         extent = np.ptp(np.concatenate([start[chain], end[chain]]), axis=0).max()
-        if near[chain].any():
-            found.append(chain if extent < WHOLE * size else chain[near[chain]])
+        if extent < WHOLE * size and near[chain].any():
+            found.append(smoothed(start, end, chain, FINE * size, CORNER))
+        elif near[chain].any():
+            sides = smoothed(start, end, chain[near[chain]], FINE * size, CORNER)
+            here = _near(*sides, size, box)
+            found += [(sides[0][here], sides[1][here])] if here.any() else []
     return found
+
+
+def _near(start: np.ndarray, end: np.ndarray, size: float, box: np.ndarray) -> np.ndarray:
+    """(n,) which edges may have a point in the box, or hardly beyond it."""
+    low, high = box[0] - NEAR * size, box[1] + NEAR * size
+    return ((np.minimum(start, end) < high) & (np.maximum(start, end) > low)).all(axis=1)
 
 
 def draw_planes(axes, rows: dict, places: np.ndarray, width: float, factor: float) -> None:

@@ -104,12 +104,17 @@ def _rows(rows: list[dict]) -> str:
 
 
 def _units(summary: Path) -> str:
-    """Units of the tables of a study of a parameter, whose columns have none in their names."""
+    """Units of the tables of a study of a parameter, whose columns have none in their names; empty
+    where the scene has none.
+    """
     if not summary.is_file():
         return ""
     units = json.loads(summary.read_text())["units"]
-    return page.paragraph(f"Lengths in {units['length']}, stresses in {units['stress']}, forces in "
-                          f"{spelt(1, 1, units)}, energies in {spelt(1, 2, units)}.")
+    powers = {"Lengths": (0, 1), "stresses": (1, 0), "forces": (1, 1), "energies": (1, 2)}
+    named = {name: spelt(*power, units) for name, power in powers.items()}
+    if set(named.values()) == {"1"}:
+        return ""
+    return page.paragraph(", ".join(f"{name} in {unit}" for name, unit in named.items()) + ".")
 
 
 def _warnings(summary: Path) -> str:

@@ -1,5 +1,8 @@
 """Adjoint problems: their solutions are influence functions, their sizes those of true errors."""
 
+import tracemalloc
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -7,6 +10,7 @@ from driver.effects import Effects
 from driver.estimates import adjoint
 from driver.estimates.adjoint import Adjoint, Sizes, held
 from driver.estimates.budget import Part
+from driver.estimates.frozen_system import FrozenSystem
 from driver.estimates.torn_body import Gather, gather_body
 from driver.march.problem import Problem
 from driver.march.quasistatic import QuasistaticSolver
@@ -123,6 +127,43 @@ def test_frozen_states_are_solved_by_the_contact_rows_alone(marched, monkeypatch
         for part in ("net", "gross", "product"):
             assert getattr(found[name], part) == pytest.approx(
                 getattr(sizes, part), rel=1e-6, abs=nothing), (name, part)
+
+
+def test_nothing_is_eliminated_for_adjoint_problems_alone(marched, monkeypatch):
+    """As where a last step, by conjugate gradients, has seen that elimination had been cheaper: it
+    takes hundreds of products then.
+    """
+    problem, record, step = marched("joint", h=1.6, subdomains=3, steps=1)
+    solver = record.contact.solver
+    assert of(problem, record, step).system is not None
+    monkeypatch.setitem(solver.history.counts, "condensed_steps", 0)
+    monkeypatch.setattr(type(solver.condensation), "compliance", None)
+    assert solver.condensation.eliminated and of(problem, record, step).system is None
+
+
+def test_frozen_systems_take_no_more_matrices_than_they_need():
+    """Two at most, of all rows and of those that are held, which the factors take the place of; the
+    system is not symmetric.
+    """
+    n, m = 200, 150
+    condensation = SimpleNamespace(
+        n=n, size=n + m, pair=np.arange(m), of_tangential=lambda values: values,
+        gather=lambda values: values, place=lambda force, x: force,
+        glued=lambda d, x, gradient: (x, gradient),
+        operator=SimpleNamespace(apply=lambda x: compliance @ x),
+        compliance=lambda: compliance)
+    rng = np.random.default_rng(1)
+    compliance = rng.random((n + m, n + m)) + (n + m) * np.eye(n + m)
+    ratio, held, moved = np.full(m, 0.4), np.arange(n + m) % 7 > 0, rng.random(n + m)
+    tracemalloc.start()
+    system = FrozenSystem(condensation, held, ratio)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 2.1 * compliance.nbytes
+    force = system.solution(moved)
+    left = compliance @ force - moved
+    left[:m] += 0.4 * left[n:]
+    assert not force[~held].any() and np.abs(left[held]).max() < 1e-12
 
 
 def test_forces_that_balance_the_load_have_no_error(marched):

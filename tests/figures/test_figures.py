@@ -1195,6 +1195,8 @@ def test_an_obstacle_with_no_vertex_in_the_picture_is_drawn_on_its_curve():
     lines = np.array(axes.collections[0].get_segments())
     assert np.linalg.norm(lines - middle, axis=2).min() < 0.005
     assert np.abs(np.linalg.norm(lines - [10.5, 0.0], axis=2) - 1).max() < h**4 / 100
+    # nor is the rest of this side, ten times as long as the picture
+    assert np.abs(lines - middle).max() < 0.005 + 0.01 * (obstacle.NEAR + obstacle.FINE)
 
 
 def test_a_corner_of_an_obstacle_stays_one():

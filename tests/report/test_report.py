@@ -253,3 +253,15 @@ def test_wide_pictures_are_scrolled_where_the_screen_is_narrow(tmp_path):
         path = tmp_path / "picture.png"
         path.write_bytes(PNG[:16] + width.to_bytes(4, "big") + height.to_bytes(4, "big") + PNG[24:])
         assert ('class="wide"' in page.picture(path, "")) == wide
+
+
+@pytest.mark.parametrize("units, said", [
+    (("mm", "psi"), "Lengths in mm, stresses in psi, forces in psi·mm, energies in psi·mm²."),
+    (("1", "MPa"), "Lengths in 1, stresses in MPa, forces in MPa, energies in MPa."),
+    (("1", "1"), ""), (("", "-"), "")])
+def test_a_study_says_its_units_if_it_has_some(place, units, said):
+    """A scene without units has numbers: "lengths in 1" had said nothing."""
+    summary = place / "summary.json"
+    summary.write_text(json.dumps({"units": dict(zip(("length", "stress"), units))}))
+    found = study._units(summary)  # pylint: disable=protected-access
+    assert said in found and bool(found) == bool(said)
