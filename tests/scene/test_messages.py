@@ -729,8 +729,8 @@ def test_contact_laws_that_ask_for_a_second_label(said, law, words):
     ("friction() (label != 2 ? 0.1 : 0.)", ""),
     ("friction() (label == bottom ? 0.1 : (label == 3 ? 0.2 : 0.)) //\nint bottom = 1; //", ""),
     ("friction() (label < 2 || label == 3 ? 0.1 : 0.)", ""),
-    ("friction() (one ? 0.1 : (two ? 0.2 : 0.)) //\nmacro one() (label == 1) //\n"
-     "macro two() (label == 2)", "")])
+    ("friction() (bottomSide ? 0.1 : (rightSide ? 0.2 : 0.)) //\n"
+     "macro bottomSide() (label == 1) //\nmacro rightSide() (label == 2)", "")])
 @pytest.mark.some(3)
 def test_contact_laws_that_ask_for_labels_without_contact_alone(tmp_path, law, words):
     """A number mistyped is zero everywhere; one of several may have its contact left out."""
