@@ -678,9 +678,9 @@ def test_contact_laws_that_ask_for_a_second_label(said, law, words):
     ("friction() (label != 2 ? 0.1 : 0.)", ""),
     ("friction() (label == bottom ? 0.1 : (label == 3 ? 0.2 : 0.)) //\nint bottom = 1; //", ""),
     ("friction() (label < 2 || label == 3 ? 0.1 : 0.)", ""),
-    ("friction() (one ? 0.1 : (two ? 0.2 : 0.)) //\nmacro one() (label == 1) //\n"
-     "macro two() (label == 2)", "")])
-@pytest.mark.some(3)
+    ("friction() (onBottom ? 0.1 : (onRight ? 0.2 : 0.)) //\nmacro onBottom() (label == 1) //\n"
+     "macro onRight() (label == 2)", "")])
+@pytest.mark.some(5)
 def test_contact_laws_that_ask_for_labels_without_contact_alone(tmp_path, law, words):
     """A number mistyped is zero everywhere; one of several may have its contact left out."""
     path = tmp_path / "mine.edp"
