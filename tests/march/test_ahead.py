@@ -79,7 +79,7 @@ include "export.idp"
 
 
 @pytest.mark.parametrize("cut, element", [(2, "P1"), (4, "P2"), (50, "P1"), (50, "P2")])
-@pytest.mark.some(1)
+@pytest.mark.some(2)
 def test_cuts_along_lines_inside_a_body_are_interfaces(exported, named_scene, made, cut, element):
     """Whatever labels the lines have; but for them the outline and what is inside keep theirs."""
     export = exported(named_scene("lines", LINES), subdomains=cut, element=element)

@@ -731,7 +731,7 @@ def test_contact_laws_that_ask_for_a_second_label(said, law, words):
     ("friction() (label < 2 || label == 3 ? 0.1 : 0.)", ""),
     ("friction() (bottomSide ? 0.1 : (rightSide ? 0.2 : 0.)) //\n"
      "macro bottomSide() (label == 1) //\nmacro rightSide() (label == 2)", "")])
-@pytest.mark.some(3)
+@pytest.mark.some(5)
 def test_contact_laws_that_ask_for_labels_without_contact_alone(tmp_path, law, words):
     """A number mistyped is zero everywhere; one of several may have its contact left out."""
     path = tmp_path / "mine.edp"
