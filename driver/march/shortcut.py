@@ -223,7 +223,7 @@ class Shortcut:
                 if trace.rated and np.isnan(trace.contraction):
                     trace.rate = contraction(problem, z, WINDOW)
                 return x, gradient, rows.sliding(x, bound)
-            if made >= PASSES and left > ABOUT * qp.tol:
+            if made >= PASSES and not qp.tol < left <= ABOUT * qp.tol:
                 break
             problem = condensation.problem(load, x, gradient)
         return None
