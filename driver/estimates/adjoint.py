@@ -274,10 +274,9 @@ class Adjoint:
     def _solve(self, moved: np.ndarray) -> np.ndarray:
         """Multipliers mu (owned,) that take displacements `moved` (owned,) off all free rows."""
         right, qp = self._followed(moved), self.solver.qp
-        x = np.zeros(len(moved))
         tolerance = TOLERANCE * qp.size(np.where(self.upper > 0, right, 0.0))
         if tolerance == 0:
-            return x
+            return np.zeros(len(moved))
         if self.system is not None:
             x = self.system.solution(moved)
             left = self._followed(self.operator.apply(x)) - right

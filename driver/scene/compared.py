@@ -27,7 +27,7 @@ def check(scene: Path, manifest: Manifest) -> None:
     words = {"label": f"no boundary of the mesh has, whose labels are "
                       f"{', '.join(map(str, manifest.labels))}",
              "region": f"no part of the mesh has, whose regions are {regions}"}
-    macros = [macro for source in grammar.sources(scene) for macro in grammar.definitions(source)]
+    macros = pitfalls.macros_of(grammar.sources(scene))
     declaring = pitfalls.declaring(macros, rooms.vocabulary())
     laws = pitfalls.declaring(macros, rooms.of_contact()) if manifest.contact_pairs else ()
     numbers = _named(scene)
@@ -50,7 +50,7 @@ def asked_elsewhere(scene: Path, manifest: Manifest) -> list[str]:
     It has one value everywhere then. Who asks for one of these as well may have left others out:
     in any of the macros that a law calls, and by a name or an inequality, which is not judged.
     """
-    macros = [macro for source in grammar.sources(scene) for macro in grammar.definitions(source)]
+    macros = pitfalls.macros_of(grammar.sources(scene))
     own, numbers = manifest.contact_labels, _named(scene)
     declared = frozenset(name for room in rooms.rooms() if room.name in manifest.rooms
                          for macro in room.macros for name in macro.names)

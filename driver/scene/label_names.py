@@ -40,7 +40,7 @@ def of(scene: Path) -> dict[str, list[int]]:
 def check_borders(scene: Path) -> None:
     """Refuse declarations that name a border in place of the label that it has: InputError."""
     files = grammar.sources(scene)
-    macros = [macro for source in files for macro in grammar.definitions(source)]
+    macros = pitfalls.macros_of(files)
     declaring = pitfalls.declaring(macros, rooms.vocabulary())
     borders = [name for name, body in BORDER.findall(_code(files)) if OWN_LABEL.search(body)]
     for macro in macros:
@@ -59,8 +59,7 @@ def check_fixed(scene: Path, manifest: Manifest) -> None:
     It may be a number, or the name of one. FreeFEM ignores such a condition. One on a line inside a
     body would hold where a cut runs along it, and not elsewhere. Raises InputError.
     """
-    files = grammar.sources(scene)
-    macros, known = [m for source in files for m in grammar.definitions(source)], of(scene)
+    macros, known = pitfalls.macros_of(grammar.sources(scene)), of(scene)
     words = frozenset(filter(HELD.fullmatch, rooms.vocabulary()))
     holding = pitfalls.declaring(macros, words)
     for macro in macros:

@@ -49,7 +49,7 @@ def check(scene: Path, parameters: dict[str, str]) -> None:
     for source in files:
         _check_integers(source, parameters)
     _check_capitals(files, parameters)
-    macros = [macro for source in files for macro in grammar.definitions(source)]
+    macros = macros_of(files)
     named = declaring(macros, rooms.vocabulary())
     called = [function for source in files for function in functions.definitions(source)]
     bare = [macro._replace(content=functions.without_calls(
@@ -75,6 +75,11 @@ def check(scene: Path, parameters: dict[str, str]) -> None:
 def _refuse(macro: grammar.Definition, reason: str) -> None:
     if reason:
         raise InputError(f"{macro.path.name} line {macro.line}: {macro.name} {reason}")
+
+
+def macros_of(files: list[grammar.Source]) -> list[grammar.Definition]:
+    """The macros of some files, in order."""
+    return [macro for source in files for macro in grammar.definitions(source)]
 
 
 def code_of(content: str) -> str:
@@ -141,23 +146,23 @@ def _mistake(content: str) -> str:
 
 def _misplaced(macro: grammar.Definition) -> str:
     """What a macro that is the same everywhere asks of the place, arguments of its own apart."""
+    asked = _asked(macro, PLACE)
+    return asked and (f"asks for {asked}, but is the same at every place: what varies with it "
+                      "belongs into the load or the coefficient itself")
+
+
+def _asked(macro: grammar.Definition, words: re.Pattern) -> str:
+    """The first of `words` in a macro that is not among its arguments; empty without one."""
     own = re.findall(r"\w+", macro.arguments or "")
-    asked = [word for word in PLACE.findall(macro.content) if word not in own]
-    if not asked:
-        return ""
-    return (f"asks for {asked[0]}, but is the same at every place: what varies with it belongs "
-            "into the load or the coefficient itself")
+    return next((word for word in words.findall(macro.content) if word not in own), "")
 
 
 def _stays(macro: grammar.Definition) -> str:
     """What an obstacle's function asks of the place at hand, arguments of its own apart."""
-    own = re.findall(r"\w+", macro.arguments or "")
-    asked = [word for word in COORDINATE.findall(macro.content) if word not in own]
-    if not asked:
-        return ""
-    return (f"asks for {asked[0]}, which is not among its arguments, and an obstacle is evaluated "
-            "at other places than the one at hand, for its slope: give what it calls x and y as "
-            "arguments, as in  macro wave(x) (0.1*sin(x)) //")
+    asked = _asked(macro, COORDINATE)
+    return asked and (f"asks for {asked}, which is not among its arguments, and an obstacle is "
+                      "evaluated at other places than the one at hand, for its slope: give what it "
+                      "calls x and y as arguments, as in  macro wave(x) (0.1*sin(x)) //")
 
 
 def _unsteady(macro: grammar.Definition) -> str:
