@@ -86,6 +86,7 @@ class QuasistaticSolver:
         self.law = self.effects.contact_law(self.contact)
         self.rows = contact_rows(operator.structure, self.law)
         self.junctions = self._junctions()
+        self.solve = self.settled if self.junctions is None else self.junctions.settled
         self.slip = SlipState(operator, self.rows, self.effects, self.initial)
         self.qp = FrictionQP(operator, self.rows, self.settings, self.scales, self.history, bound)
         self.bodies = self._bodies()
@@ -109,10 +110,12 @@ class QuasistaticSolver:
         """
         if not self.contact.declared.paired.any():
             return None
+        from .junction_bounds import JunctionBounds
         from .junction_forces import junction_forces
 
-        return junction_forces(self.operator.structure, self.rows, self.law, self.effects,
-                               self.operator.comm)
+        forces = junction_forces(self.operator.structure, self.rows, self.law, self.effects,
+                                 self.operator.comm)
+        return None if forces is None else JunctionBounds(self, forces)
 
     def _closure(self):
         """What laws of rough or worn surfaces need, imported only where there are such laws."""
@@ -249,7 +252,7 @@ class QuasistaticSolver:
                 load = self.load(0, self.bodies.can_rest(0, self.amplitudes[0]), x)
                 self.scales.renew(d=load.extent)
                 x, gradient, _, _ = self.closure.settled(
-                    0, load, (x, -load.d, smooth), Trace(), self._settled)
+                    0, load, (x, -load.d, smooth), Trace(), self.settled)
         finally:
             slip.coefficient = known
         self.scales.keep()
@@ -295,7 +298,7 @@ class QuasistaticSolver:
             if answer is not None:
                 trace.rate = self.contraction
             x, gradient, moved, residuals = answer or self.closure.settled(
-                index, load, start, trace, self._settled)
+                index, load, start, trace, self.solve)
             self.history.counts["condensed_steps"] += bool(trace.shortcut)
             self._examine(index, load, x, gradient, trace)
             self.bodies.note_loose_motion(index, x)
@@ -307,8 +310,7 @@ class QuasistaticSolver:
         if rows.corners is not None:
             x = self.corners.end_step(x, gradient)
         if self.junctions is not None:
-            x = self.junctions.shared(x, gradient, rows, self.scales.displacements[op.row_level],
-                                      self.settings.primal_rtol, op.comm)
+            x = self.junctions.shared(x, gradient)
         return Step(index, float(self.times[index]), load.weights, x, gradient, rows.states(x),
                     rows.law_bound(x), trace.iterations, op.products - products,
                     trace.contraction, residuals, moved, trace.refined), error
@@ -324,14 +326,14 @@ class QuasistaticSolver:
                 and np.array_equal(self.amplitudes[index], self.amplitudes[index - 1]))
 
     def _kept(self, load: Load, x, gradient):
-        """As `_settled` from x, whose nodes do not slide, if residuals are small enough; else None.
+        """As `settled` from x, whose nodes do not slide, if residuals are small enough; else None.
         """
         still = self.operator.gradient(x, load) if self.operator.uneven else gradient.copy()
         still[self.rows.tangential] = 0.0
         residuals = self.residuals.of(load, x, still)
         return (x, still, np.zeros_like(x), residuals) if self.residuals.enough(residuals) else None
 
-    def _settled(self, index: int, load: Load, x, gradient, sliding, trace: Trace):
+    def settled(self, index: int, load: Load, x, gradient, sliding, trace: Trace):
         """As `_earned`, with bodies without support where their forces move them least."""
         for _ in range(SETTLINGS if self.operator.modes else 0):
             x, gradient, moved, _ = self._earned(index, load, x, gradient, sliding, trace)

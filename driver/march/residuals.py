@@ -40,6 +40,10 @@ class Residuals:
         """Whether all residuals are as small as asked for."""
         return all(value <= self.asked(name) for name, value in residuals.items())
 
+    def excess(self, residuals: dict) -> dict[str, float]:
+        """Residuals by name, over those with which a step has converged."""
+        return {name: value / self.asked(name) for name, value in residuals.items()}
+
     def faded(self, x: np.ndarray) -> bool:
         """Whether contact forces, or where nothing presses all forces, may be rounding, not zero.
 

@@ -136,7 +136,7 @@ class Tightening:
             gradient = self._to_all_digits(x)
         found = residuals.of(load, x, gradient, exact=True)
         self.answer = residuals.free_of_forces(load, x) if residuals.faded(x) else None
-        excess = {name: value / residuals.asked(name) for name, value in found.items()}
+        excess = residuals.excess(found)
         worst, name = max((value, name) for name, value in excess.items())
         idle = worst > IDLE * self.best
         if self.answer is None and worst <= 1:
