@@ -90,6 +90,13 @@ def _positive(name: str, text: str) -> float:
     return float(text)
 
 
+def _relative(name: str, text: str) -> float:
+    value = _positive(name, text)
+    if value > 1:
+        raise InputError(f"{name} is relative: it must be at most 1, not '{text}'")
+    return value
+
+
 def _share(name: str, text: str) -> tuple[float, str]:
     number, _, quantity = text.partition(",")
     try:
@@ -118,6 +125,7 @@ def _cycles(name: str, text: str) -> str:
 
 YES_NO = Kind("yes|no", _yes, ("yes", "no"))
 POSITIVE = Kind("number", _positive)
+RELATIVE = Kind("number", _relative)
 NAMES = Kind("name,...", _names)  # checked where they are used
 CYCLES = Kind("n|until settled|jump 1%", _cycles)  # or with a number before the words
 SHARE = Kind("1%[,quantity]", _share)  # relative error and quantity, "" where none is named

@@ -62,17 +62,41 @@ def check_fixed(scene: Path, manifest: Manifest) -> None:
     macros, known = pitfalls.macros_of(grammar.sources(scene)), of(scene)
     words = frozenset(filter(HELD.fullmatch, rooms.vocabulary()))
     holding = pitfalls.declaring(macros, words)
+    macros = [macro for macro in macros if macro.name in holding]
     for macro in macros:
-        own = re.findall(r"\w+", macro.arguments or "")
-        asked = _on(pitfalls.code_of(macro.content)) if macro.name in holding else []
-        for name in asked:
-            for label in [] if name in own else _values(name, known):
-                if label not in manifest.labels:
-                    raise InputError(
-                        f"{macro.path.name} line {_line(macro, name)}: on({name}, ...) names "
-                        f"{'no boundary' if name == str(label) else f'label {label}, no boundary'} "
-                        f"of the mesh, whose labels are {', '.join(map(str, manifest.labels))} (a "
-                        "line inside a body is none: make two bodies of it by addBody)")
+        for name in _on(pitfalls.code_of(macro.content)):
+            for place, given, said in _given(macro, name, f"on({name}, ...)", macros):
+                _check_labels(place, given, said, known, manifest.labels)
+
+
+def _check_labels(place: str, name: str, said: str, known: dict[str, list[int]],
+                  labels: list[int]) -> None:
+    """Refuse a `name` of labels, `said` at a `place`, of which the mesh has one not."""
+    for label in _values(name, known):
+        if label not in labels:
+            raise InputError(
+                f"{place}: {said} names "
+                f"{'no boundary' if name == str(label) else f'label {label}, no boundary'} "
+                f"of the mesh, whose labels are {', '.join(map(str, labels))} (a "
+                "line inside a body is none: make two bodies of it by addBody)")
+
+
+def _given(macro: grammar.Definition, name: str, said: str,
+           macros: list) -> list[tuple[str, str, str]]:
+    """Places and names of what stands for `name` in a macro, and how it is `said` there: itself, or
+    where it is an argument what `macros` that call it give for it.
+    """
+    own = re.findall(r"\w+", macro.arguments or "")
+    if name not in own:
+        return [(f"{macro.path.name} line {_line(macro, name)}", name, said)]
+    found = []
+    for user in macros:
+        for call in re.findall(rf"(?<![.\w]){macro.name}\(([^()]*)\)",
+                               pitfalls.code_of(user.content)):
+            given = call.split(",")
+            if len(given) == len(own):
+                found += _given(user, given[own.index(name)], f"{macro.name}({call})", macros)
+    return found
 
 
 def _code(files: list[grammar.Source]) -> str:

@@ -60,6 +60,10 @@ def test_borders_that_set_labels_do_not_stand_for_them(checked, old, new, words)
     (SUPPORT, "support() on(31, u1 = 0.)\n + on(walls, u2 = 0.)", r"line 13: on\(walls, ...\)"),
     (SUPPORT, "support() on(walls[1], u1 = 0.)", r"on\(walls\[1\], ...\) names label 55"),
     (SUPPORT, SUPPORT + " //\nmacro displacement2() on(7, wall, u1 = 1.)", "line 13: .*label 55"),
+    (SUPPORT, "support() fixed(55) //\nmacro fixed(l) on(l, u1 = 0., u2 = 0.)",
+     r"line 12: fixed\(55\) names no boundary"),
+    (SUPPORT, "support() both(31, wall) //\nmacro both(k, l) fixed(k) + fixed(l) //\n"
+              "macro fixed(l) on(l, u1 = 0.)", r"line 12: both\(31,wall\) names label 55"),
     (FRICTION, "friction() (label == wall ? 0.3 : 0.)", "friction asks for label 55"),
     (FRICTION, "friction() (wall != label ? 0.3 : 0.)", "friction asks for label 55")])
 def test_names_of_labels_that_the_mesh_lacks_are_refused(checked, old, new, words):

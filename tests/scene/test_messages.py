@@ -1107,3 +1107,8 @@ body = buildmesh(a(16) + middle(4));"""
     assert "on(9, ...) names no boundary of the mesh, whose labels are 1, 2, 3, 4" in held
     dropped = ("macro young", "body = change(body, rmInternalEdges = 1);\nmacro young")
     assert "no boundary with label 9" in said(*changes, dropped, parameters={})
+
+
+def test_labels_of_loads_are_whole_numbers(said):
+    """FreeFEM would drop their decimals, and load the label that is left."""
+    assert "no boundary with label 3.7" in said(("traction(3,", "traction(3.7,"))
