@@ -12,7 +12,7 @@ from dataclasses import dataclass, make_dataclass
 from enum import Enum
 
 from . import environment
-from .arguments import (CYCLES, EVERY, NAMES, POSITIVE, RELATIVE, SHARE, YES_NO, Kind, choice, path,
+from .arguments import (CYCLES, EVERY, NAMES, RELATIVE, SHARE, YES_NO, Kind, choice, path,
                         several, text, whole)
 from .errors import InputError
 
