@@ -82,19 +82,12 @@ def _yes(name: str, text: str) -> bool:
     return text == "yes"
 
 
-def _positive(name: str, text: str) -> float:
+def _tolerance(name: str, text: str) -> float:
     if not NUMBER.fullmatch(text):
         raise InputError(f"{name} expects a number, not '{text}'")
-    if not 0 < float(text) < float("inf"):
-        raise InputError(f"{name} must be positive, not '{text}'")
+    if not 0 < float(text) <= 1:
+        raise InputError(f"{name} is relative: it must be positive, at most 1, not '{text}'")
     return float(text)
-
-
-def _relative(name: str, text: str) -> float:
-    value = _positive(name, text)
-    if value > 1:
-        raise InputError(f"{name} is relative: it must be at most 1, not '{text}'")
-    return value
 
 
 def _share(name: str, text: str) -> tuple[float, str]:
@@ -124,8 +117,7 @@ def _cycles(name: str, text: str) -> str:
 
 
 YES_NO = Kind("yes|no", _yes, ("yes", "no"))
-POSITIVE = Kind("number", _positive)
-RELATIVE = Kind("number", _relative)
+TOLERANCE = Kind("number", _tolerance)
 NAMES = Kind("name,...", _names)  # checked where they are used
 CYCLES = Kind("n|until settled|jump 1%", _cycles)  # or with a number before the words
 SHARE = Kind("1%[,quantity]", _share)  # relative error and quantity, "" where none is named

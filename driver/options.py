@@ -12,7 +12,7 @@ from dataclasses import dataclass, make_dataclass
 from enum import Enum
 
 from . import environment
-from .arguments import (CYCLES, EVERY, NAMES, RELATIVE, SHARE, YES_NO, Kind, choice, path,
+from .arguments import (CYCLES, EVERY, NAMES, SHARE, TOLERANCE, YES_NO, Kind, choice, path,
                         several, text, whole)
 from .errors import InputError
 
@@ -175,11 +175,11 @@ MESHES = (
 
 # numerical options of the solver, each with a default that suits most runs; tolerances are relative
 SETTINGS = (
-    Option("rtol", RELATIVE, 1e-8, SOLVER, SOLVING,
+    Option("rtol", TOLERANCE, 1e-8, SOLVER, SOLVING,
            "QP: norm of the projected gradient relative to that of the right-hand side d"),
-    Option("friction_rtol", RELATIVE, 1e-6, SOLVER, SOLVING,
+    Option("friction_rtol", TOLERANCE, 1e-6, SOLVER, SOLVING,
            "fixed point: change of lambda_n over lambda_n; balance of bodies without support"),
-    Option("primal_rtol", RELATIVE, 1e-6, SOLVER, SOLVING,
+    Option("primal_rtol", TOLERANCE, 1e-6, SOLVER, SOLVING,
            "all residuals in summary.json but equilibrium, relative to deformations and forces; "
            "where one is larger, the step goes on with tighter RTOL and FRICTION_RTOL, and ends "
            "with status 4 if that does not lower it"),
@@ -191,7 +191,7 @@ SETTINGS = (
            "Dirichlet with slowly varying contact tractions deflated, Dirichlet alone, or none"),
     Option("predictor", choice("load", "previous"), "load", SOLVER, SOLVING,
            "start a step from multipliers extrapolated with the load, or from the previous ones"),
-    Option("inner_rtol", RELATIVE, 0.1, SOLVER, SOLVING, "residual reduction of a QP before its "
+    Option("inner_rtol", TOLERANCE, 0.1, SOLVER, SOLVING, "residual reduction of a QP before its "
            "friction bound is renewed; a tiny value solves every QP to RTOL"),
     Option("estimator", choice("equilibrated", "recovery", "none"), "equilibrated",
            Reader.ESTIMATES, SOLVING,
