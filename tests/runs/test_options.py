@@ -106,7 +106,7 @@ def test_reference_has_a_row_for_every_option():
     ("model", "SCENE=punch", "make model decides on SCENE itself"),
     ("saddle", "RTOL=1e-3", "the matrix does not depend on RTOL"),
     ("run", "SCENE=model ACCURACY=1% STEPS=3", "ACCURACY chooses STEPS itself"),
-    ("run", "SCENE=model INNER_RTOL=2", "INNER_RTOL is relative: it must be positive, at most 1, not '2'"),
+    ("run", "SCENE=model INNER_RTOL=2", "relative: it must be positive, at most 1, not .2."),
     ("run", "SCENE=model ELEMENT=P3", "ELEMENT must be one of P1, P2, P2-mixed, not 'P3'"),
     ("table", "OUT=here", "make table has no option OUT; it has NP, HOSTS, ROWS, METHOD, FRESH"),
     ("table", "ROWS=1,7", "ROWS expects some of 1,2,3,4,5, not '7'"),
