@@ -4,19 +4,18 @@ Which of the forces at a junction (contact/junctions.py) a solver comes to decid
 friction of what slides, and with that on displacements: Coulomb's law has a family of solutions.
 Of these the one is taken whose forces are nearest to what the tractions beside would make, as where
 nothing slides. Successive approximations: bounds of friction at junctions are given, those of the
-forces that are nearest in the iteration before, until these keep to Coulomb's law.
+forces that are nearest in the iteration before, accelerated, until these keep to Coulomb's law.
 """
 
 import contextlib
 
 import numpy as np
 
+from ..qp.anderson import Anderson, gives_up
 from ..text import counted, step_name
 from .junction_forces import JunctionForces
 from .step import Load, Trace, Unfinished
 
-HALF = 0.5  # of what residuals were at least so far, which an iteration leaves
-IDLE = 4  # iterations that leave more
 SEVERAL = "forces are those of one of several solutions"
 
 
@@ -52,21 +51,24 @@ class JunctionBounds:
         Raises Unfinished.
         """
         march, given = self.march, np.full(len(self.march.rows.tangential), np.nan)
-        sliding, least, idle = self._sliding(found[0]), np.inf, 0
-        while idle < IDLE:
-            x, given = self._under_given(*found[:2], given)
-            if not self._any(given):
+        sliding, excess, secants = self._sliding(found[0]), [], None
+        while not (excess and gives_up(excess)):
+            x, asked = self._under_given(*found[:2], given)
+            fixed = ~np.isnan(asked)
+            if not self._any(fixed):
                 return found
-            sliding = np.where(np.isnan(given), sliding, self._sliding(x))
+            if self._any(fixed == np.isnan(given)):
+                given, secants = asked, Anderson(march.fixed_point.search.dot, damping=1.0)
+            sliding = np.where(fixed, self._sliding(x), sliding)
             x, gradient, moved = march.into_cone(load.d, x, None, sliding)
             if trace.refined:
                 gradient = march.operator.gradient(x, load)
             residuals = march.residuals.of(load, x, gradient)
             if march.residuals.enough(residuals):
                 return x, gradient, moved, residuals
-            missed = max(march.residuals.excess(residuals).values())
-            idle = 0 if missed <= HALF * least else idle + 1
-            least = min(least, missed)
+            excess.append(max(march.residuals.excess(residuals).values()))
+            renewed = secants.next(*(np.where(fixed, bounds, 0.0) for bounds in (given, asked)))
+            given = np.where(fixed, np.maximum(renewed, 0.0), np.nan)
             trace.again()
             if march.rows.corners is not None:
                 march.rows.corners.reconsider()
@@ -92,9 +94,9 @@ class JunctionBounds:
         """(j,) signs of friction in x that is on its bound, with the present coefficients."""
         return self.march.rows.sliding(x, self.march.rows.friction_bound(x))
 
-    def _any(self, given: np.ndarray) -> bool:
-        """Whether any rank's bounds are given."""
-        return self.march.operator.minimum(-float((~np.isnan(given)).any())) < 0
+    def _any(self, rows: np.ndarray) -> bool:
+        """Whether there are such rows (j,) on any rank."""
+        return self.march.operator.minimum(-float(rows.any())) < 0
 
     def _under_given(self, x, gradient, given) -> tuple[np.ndarray, np.ndarray]:
         """x with forces at junctions nearest to those beside, and the bounds that go with them."""
