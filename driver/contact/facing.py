@@ -31,10 +31,11 @@ class Segments:
     facing: np.ndarray
 
 
-def segments(first: Side, second: Side, able: np.ndarray | None = None) -> Segments:
+def segments(first: Side, second: Side, able: np.ndarray | None = None,
+             reach: float | None = None) -> Segments:
     """The parts that `couple` integrates over; ends that only rounding separates are merged."""
     normal = first.nodal_normals()
-    e, o, start, stop = facing_parts(first, normal, second, able)
+    e, o, start, stop = facing_parts(first, normal, second, able, reach)
     near = 2 * SLIVER
     follows = np.r_[False, (e[1:] == e[:-1]) & (np.abs(start[1:] - stop[:-1]) < near)]
     start = np.where(start < near, 0.0, start)

@@ -76,6 +76,14 @@ def meets(first: np.ndarray, second: np.ndarray, pairs: list) -> np.ndarray:
     return np.any([np.outer(first == one, second == two) for one, two in pairs], axis=0)
 
 
+def reach_of(pairs: list) -> float | None:
+    """How far a place's nearest partner may be: anywhere where a boundary meets several ones; None
+    where it has to face one place alone.
+    """
+    firsts = [one for one, _ in pairs]
+    return np.inf if len(set(firsts)) < len(firsts) else None
+
+
 def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None = None,
            reach: float | None = None, corners: np.ndarray | None = None) -> Coupling:
     """Mortar coupling of two sides; SeveralPlaces if a place of the first faces several places.

@@ -89,13 +89,13 @@ class PairSides:
         labels, other_labels = zip(*pairs)
         first, gids, one, places, twins = self._side(labels, nodes.gid, nodes.facing)
         second, others, two, *_ = self._side(other_labels)
-        within = reach
+        within = mortar.reach_of(pairs) if reach is None else reach
         if self.periods is not None:
             one_place = np.column_stack([nodes.gid, nodes.heir])[nodes.gid != nodes.heir]
             first.same = self.periods.same_of(gids, one_place)
             second, times = self.periods.repeated(second, first.xy)
             others, two = np.tile(others, times), np.tile(two, times)
-            within = np.inf if reach is None else reach  # of images the nearest
+            within = np.inf if within is None else within  # of images the nearest
         able = mortar.meets(one, two, pairs)
         if len(twins):
             able &= before_flanks(first, twins, second.edge_normal)
@@ -123,8 +123,10 @@ class PairSides:
             both = np.isin(self.fixed[0] // 2, others).any()
             check_passed_on(first, one, lost, held, pairs, both)
             pair = mortar.couple(first, second, held, able, within, sharp if sharp.any() else None)
-        if held.all() or not pair.weight.any() and reach is None:
-            one, two = pairs[0]
+        met = np.isin(second.edges[:, :2], pair.of[pair.side == 1]).all(axis=1)
+        missed = _missed(pairs, two[met]) if pair.weight.any() else pairs
+        if held.all() or reach is None and missed:
+            one, two = (missed or pairs)[0]
             raise InputError(
                 f"the boundaries {one} and {two} of a contact pair do not face each other, or a "
                 f"support holds all nodes of {one}: then name {two} first")
@@ -175,6 +177,13 @@ class PairSides:
             bow = rise[:, None] * normal
         side = Side(xy.reshape(-1, 2)[first], edges, normal, bow, length, radius, **curved)
         return side, gids, self.label[here], places, twins
+
+
+def _missed(pairs: list[tuple[int, int]], met: np.ndarray) -> list[tuple[int, int]]:
+    """Of the `pairs` of a first label that is to meet several those whose second one is not `met`.
+    """
+    firsts = [one for one, _ in pairs]
+    return [(one, two) for one, two in pairs if firsts.count(one) > 1 and two not in met]
 
 
 def _normals(xy: np.ndarray) -> np.ndarray:

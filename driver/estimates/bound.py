@@ -241,7 +241,7 @@ class EquilibratedBound:
             return None
         if not self.boundary.meeting:
             return []
-        from ..contact.mortar import meets
+        from ..contact.mortar import meets, reach_of
         from .pair_bound import PairBound
 
         b, body, outer = self.boundary, self.body, self.operator.structure.outer_edges
@@ -263,7 +263,7 @@ class EquilibratedBound:
             nodes = {name: value[b.family == k + 1] for name, value in values.items()}
             bilateral = bool(nodes.pop("bilateral").all())
             pairs.append(PairBound(body.mesh, first, second, nodes, able,
-                                   self.state.frictional, bilateral, about))
+                                   self.state.frictional, bilateral, about, reach_of(together)))
         return pairs
 
     def _forces(self, pairs: list | None, state: dict) -> list[np.ndarray]:

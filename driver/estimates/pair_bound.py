@@ -106,13 +106,13 @@ class PairBound:
 
     def __init__(self, mesh: Mesh, first: np.ndarray, second: np.ndarray, nodes: dict,
                  able: np.ndarray, frictional: bool, bilateral: bool,
-                 about: np.ndarray | None = None):
+                 about: np.ndarray | None = None, reach: float | None = None):
         """`first`, `second` (e, 2): vertices of the boundary edges of both sides.
 
         `nodes`: arrays over the pair's contact nodes: vertex, weight, own_normal, own_tangential
         (whether it has such a row), normal, gap, pressure, shear, bound, before (tangential jump at
-        the end of the step before). `able` (e, o): which edges are to meet. `about` (vertices, 2):
-        displacements of the linearization, or None.
+        the end of the step before). `able` (e, o): which edges are to meet, no farther away than
+        `reach`. `about` (vertices, 2): displacements of the linearization, or None.
         """
         self.mesh, self.frictional, self.bilateral = mesh, frictional, bilateral
         facing = nodes.pop("normal")
@@ -121,7 +121,7 @@ class PairBound:
         if len(self.first.twins):
             able = able & before_flanks(self.first.side, self.first.twins,
                                         self.second.side.edge_normal)
-        self.parts = segments(self.first.side, self.second.side, able)
+        self.parts = segments(self.first.side, self.second.side, able, reach)
         self.normal = self.first.side.nodal_normals()
         self.tangent = turned_left(self.normal)
         n, edges = len(self.first.vertex), self.first.side.edges

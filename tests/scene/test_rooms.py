@@ -194,12 +194,14 @@ def test_a_study_of_a_scene_without_an_effect(tmp_path):
      "bilateral is declared without contact"),
     ((("macro contact() 1 //", "macro contactPair() 1, 3, 2 //"),), "contactPair expects pairs"),
     ((("macro contact() 1 //", "macro contact() 1 //\nmacro contactPair() 1, 3 //"),),
-     "label 1 is declared for contact twice: name every boundary once (only as the second label of "
-     "a pair may one be named again)"),
+     "label 1 is declared for contact twice: name every boundary once (only in pairs with "
+     "different ones may one be named again)"),
     ((("macro contact() 1 //", "macro contact() 1, 2, 1 //"),),
      "label 1 is declared for contact twice"),
     ((("macro contact() 1 //", "macro contactPair() 1, 3, 3, 1 //"),),
      "label 3 is declared for contact twice"),
+    ((("macro contact() 1 //", "macro contactPair() 1, 3, 1, 3 //"),),
+     "label 1 is declared for contact twice"),
     ((("macro contact() 1 //", "macro contact() 3 //\nmacro contactPair() 1, 3 //"),),
      "label 3 is in contact with an obstacle and the second one of a pair: give the parts"),
     ((("macro contact() 1 //", "macro contactPair() 1, 3 //\nmacro obstacle(x, y) y //"),),
