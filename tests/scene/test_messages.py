@@ -293,6 +293,7 @@ def test_names_of_freefem_are_what_the_library_has_undeclared():
     ("u1 = 0., u2", "ux = 0., u2", "displacements are u1, u2, along x, y or r, z"),
     ("amplitude1(t) t", "amplitude1(s) t", "argument of an amplitude"),
     ("quasistatic(1.)", "quasistatic()", "arguments of a wrong number or kind: quasistatic(T)"),
+    ("quasistatic(1.)", 'int n = whole("sides", 6)', 'kind: whole("name", default, least)'),
     ('units("mm", "MPa");', 'units("mm");', 'units("m", "Pa")  the scene'),
     ("rectangle(0., 2., 0., 1.)", "rectangle(2., 1.)", "rectangle(x0, x1, y0, y1)"),
     ("rectangle(0., 2., 0., 1.);", "rectangle(0., 2., 0., 1.); addBody(square(3, 3))",
