@@ -21,7 +21,6 @@ from ..qp.least_distance import least_distance
 NOISE = 20.0  # times the tolerance of displacements: distances and slips beyond that are some
 LEAST = 1e-6  # of the deformation, likewise, where tolerances are finer
 SLIGHT = 1e-9  # part of the forces that is rounding
-SLACK = 1e-6  # by which laws may be missed while the nearest forces are looked for
 FEWER = 0.1  # of the forces, by which they are chosen again
 MOST = 6  # nodes of a junction that press or pull, of which all signs are tried
 UNKNOWN = 1e-3  # weight of forces beside which there is no node
@@ -76,7 +75,7 @@ class JunctionForces:
         for junction in self.of:
             own = slice(first, first := first + len(junction.nodes))
             found = Found(force[own], moved[own], F[own], c[own], self.bilateral[own],
-                          self.wears[own], known[own], given is not None, max(SLACK, rtol))
+                          self.wears[own], known[own], given is not None, max(SLIGHT, rtol))
             if given is not None and not found.rubs_by(junction).any():
                 continue
             chosen = _nearest(junction, found, near[own], self.known[own])
@@ -140,7 +139,7 @@ class Found:
         untold = np.zeros(2 * len(self.F), bool)
         untold[junction.rows] = (np.abs(junction.free) > SLIGHT * np.abs(junction.free).max()
                                  ).any(axis=1)
-        return self.slides & untold[::2] & (self.F > 0) & ~self.wears
+        return self.slides & untold[::2] & (self.F > 0)
 
     @property
     def held(self) -> np.ndarray:
@@ -172,9 +171,7 @@ def _nearest(junction: Junction, found: Found, near: np.ndarray, known: np.ndarr
     p, q = best.reshape(-1, 2).T
     p = np.where(found.opened | (p * pressing < 0), 0.0, p)
     bound = F * np.abs(p) + c
-    if found.given:
-        return np.column_stack([p, np.where(slides, found.way * bound, q)])
-    inside = (1 - SLIGHT) * bound  # what does not slide is not said to
+    inside = bound if found.given else (1 - SLIGHT) * bound  # what does not slide is not said to
     return np.column_stack([p, np.where(slides, found.way * bound, np.clip(q, -inside, inside))])
 
 
@@ -231,7 +228,7 @@ def _chosen(free, A, b, present, near, weight, slight: float) -> np.ndarray | No
         return None
     missed = b - A @ chosen
     on = missed < 0
-    return chosen + free @ np.linalg.lstsq(A[on] @ free, missed[on], SLACK)[0]
+    return chosen + free @ np.linalg.lstsq(A[on] @ free, missed[on], slight)[0]
 
 
 def _free(junction: Junction, held: np.ndarray) -> np.ndarray:
