@@ -305,8 +305,8 @@ include "export.idp"
 """
 
 
-PUSHED = """// three blocks abreast, pushed together over gaps: what sticks on its bound has friction of
-// the other sign by other forces
+PUSHED = """// three blocks abreast, pushed together over gaps: what sticks on its bound has
+// friction of the other sign by other forces
 include "scene.idp"
 quasistatic(2.);
 int[int] sb = [11, 12, 13, 14], sc = [21, 22, 23, 24], sd = [31, 32, 33, 34];
