@@ -77,11 +77,8 @@ def _materials(run: Run) -> tuple[np.ndarray, list[str]]:
     """
     mesh = run.first
     if bodies := run.summary.get("materials"):
-        named = [(row["name"], row["young"], row["poisson"]) for row in bodies]
-        known = list(dict.fromkeys(named))
-        words = [f"{literal(name)}, $E$ = {_said(young, stress_scale(run, young))}"
-                 for name, young, _ in known]
-        return np.array([known.index(one) for one in named])[mesh.body], words
+        kind, words = _named(run, bodies)
+        return kind[mesh.body], words
     regions, of_region = np.unique(mesh.region, return_inverse=True)
     words = [f"region {name:g}" for name in regions]
     if mesh.shear_modulus is None:
@@ -103,6 +100,22 @@ def _materials(run: Run) -> tuple[np.ndarray, list[str]]:
     filled, kind = np.unique(np.digitize(modulus * scale.factor, bounds[1:-1]),
                              return_inverse=True)
     return kind, [f"$G$ = {bounds[k]:.3g} to {bounds[k + 1]:.3g} {scale.label}" for k in filled]
+
+
+def _named(run: Run, bodies: list[dict]) -> tuple[np.ndarray, list[str]]:
+    """(bodies,) tints and what they stand for: names with Young's moduli, where names are more than
+    tints those of one material together.
+    """
+    of = [(row["name"], row["young"], row["poisson"]) for row in bodies]
+    keys = of if len(set(of)) <= len(TINTS) else [values for _, *values in of]
+    names: dict[tuple, list[str]] = {}
+    for (name, *_), key in zip(of, map(tuple, keys)):
+        if name not in names.setdefault(key, []):
+            names[key].append(name)
+    words = [f"{literal(one)}{f' and {len(more)} more' * bool(more)}, "
+             f"$E$ = {_said(key[-2], stress_scale(run, key[-2]))}"
+             for key, (one, *more) in names.items()]
+    return np.array([[*names].index(tuple(key)) for key in keys]), words
 
 
 def _modulus(run: Run, value: float) -> str:

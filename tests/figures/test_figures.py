@@ -968,6 +968,16 @@ def test_materials_have_the_names_that_the_scene_gives_them(run):
     assert legend_words(figures.compose("geometry", one))[:2] == said
 
 
+def test_more_names_than_tints_stand_together_by_material(run):
+    """Of seven bodies six are alike but for their names: all seven are in the legend."""
+    rows = [{"body": k + 1, "name": f"pipe {k}" if k < 6 else "trough", "poisson": 0.3,
+             "young": 1e8 if k < 6 else 1e9} for k in range(7)]
+    mesh = dataclasses.replace(run.first, body=np.arange(len(run.first.triangles)) % 7)
+    one = dataclasses.replace(run, first=mesh, summary=run.summary | {"materials": rows})
+    said = ["pipe 0 and 5 more, $E$ = 100 MPa", "trough, $E$ = 1 GPa"]
+    assert legend_words(figures.compose("geometry", one))[:2] == said
+
+
 def test_names_with_dollars_are_no_formulas(run):
     """Two of them in a material, one in the scene: the first were none, the second the titles'."""
     rows = [{"body": 1, "name": "5$ ^_$ alloy", "young": 1e9, "poisson": 0.3}]
