@@ -853,6 +853,18 @@ def test_supports_rollers_and_moved_supports_look_different(tmp_path, changes, w
     assert ("moved by up to 1 mm" in words(figure)) == any("moved" in name for name in changes)
 
 
+def test_a_support_that_turns_has_an_arrow_at_every_place(tmp_path):
+    """The mean of its ways is rounding: one arrow in its direction would say that it shifts."""
+    run = moved_run(tmp_path, {"moved_x": 1e-3})
+    own, edges = run.boundary["label"] == 4, run.boundary
+    run.boundary["moved_x"][own] = -1e-3 * ((edges["y0"] + edges["y1"])[own] / 2 - 0.5)
+    violet = [c for c in figures.compose("geometry", run).axes[0].collections
+              if isinstance(c, Quiver) and c.get_facecolor()[0, 2] > c.get_facecolor()[0, 1]]
+    [arrows] = violet
+    assert len(arrows.U) > 1 and np.isclose(arrows.U.sum(), 0, atol=1e-9)  # about its middle
+    assert (np.sign(arrows.U) == np.sign(0.5 - arrows.Y)).all()
+
+
 @pytest.mark.parametrize("role, words, zigzags", [
     ("springs", "elastic foundation", 1), ("joined", "tied or periodic", 0)])
 def test_foundations_and_joined_boundaries_are_no_free_ones(tmp_path, role, words, zigzags):
