@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from driver.figures import hard, study
+from driver.figures import effects, hard, study
 from driver.figures.style import STATUS, canvas
 from driver.files import write_table
 
@@ -52,3 +52,22 @@ def test_the_table_of_hard_cases_is_drawn_without_a_layout_engine(tmp_path):
     write_table(tmp_path / "report.csv", rows)
     assert {path.name for path in hard.draw(tmp_path / "report.csv")} == {
         "report.png", "report.pdf", "sweeps.png", "sweeps.pdf"}
+
+
+def test_changes_of_effects_do_not_run_into_one_another():
+    """Beside long names of effects they did: +0.45 %+0.05 %; what is refused has no solution to
+    look for.
+    """
+    full = {"without": "", "status": "0", "dual_multiplications": "155", "seconds_total": "1.9",
+            **{f"{name}_change": "" for name in effects.HEADINGS}}
+    spent = {f"seconds_{stage}": "0.3" for stage in effects.STAGES}
+    small = full | spent | {"without": "obstacle motion"} | {
+        f"{name}_change": value for name, value in zip(effects.HEADINGS, 4 * ["0.0045", "-0.0068"])}
+    ended = [full | {"without": "wear", "status": status, "reason": "so"} for status in "234"]
+    # pylint: disable-next=protected-access
+    figure = canvas(lambda page: effects._fill(page, "shoe", [full, small, *ended], {}), 6)
+    texts = [text for text in figure.axes[0].texts]
+    row = [text.get_window_extent() for text in texts if "%" in text.get_text()]
+    assert len(row) == 8 and all(a.x1 < b.x0 for a, b in zip(row, row[1:]))
+    assert [text.get_text() for text in texts[8:]] == [
+        "refused: so", "no solution: so", "not converged: so"]
