@@ -692,3 +692,15 @@ def test_contraction_is_the_mean_ratio_over_a_window(seed):
 
 def test_constants_that_are_called_parts_are_between_none_and_all():
     assert not constants.beyond("march")
+
+
+def test_steps_of_a_fallback_are_counted():
+    """One step had been "from step 12 on in 1 of the steps"."""
+    fallbacks = globalization.Fallbacks()
+    for step in (12, 12):
+        fallbacks.note(globalization.LEMKE, step)
+    [line] = fallbacks.warnings()
+    assert line.endswith("did not settle, in step 12")
+    fallbacks.note(globalization.LEMKE, 14)
+    [line] = fallbacks.warnings()
+    assert line.endswith("did not settle, in 2 steps from step 12 on")
