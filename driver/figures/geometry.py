@@ -21,7 +21,7 @@ LINES = {"free": INK, "support": BLUE, "load": RED, "contact": GREEN, "pair": GR
          "springs": SKY, "joined": ORANGE}
 ARROW, SHORTEST = 0.16, 0.2  # longest arrow over the body's size, shortest one over the longest
 FAINT = 1e-6  # part of the largest body force that is none
-ALIKE = 0.05  # part of the largest way on a label by which others may differ to be drawn as one arrow
+ALIKE = 0.05  # part of the largest way on a label by which others may differ to be one arrow
 RARE = 0.03  # share of the triangles from which on a material has a tint of its own
 
 

@@ -683,7 +683,19 @@ def test_thinned_convergence_keeps_starts_and_counts_everything(tmp_path):
     figure = figures.compose("convergence", run)
     total = sum(int(t.split("(")[1].rstrip(")").replace("\u2009", ""))
                 for t in legend_words(figure))
-    assert total == len(table["kind"]) and f"every {every}th iteration" in words(figure)
+    assert total == len(table["kind"]) and f"one iteration in {every} and" in words(figure)
+
+
+def test_the_step_that_takes_most_products_is_named():
+    """Behind ten steps that take none it had no number, and the first of them had one."""
+    axes = Figure().add_subplot()
+    begin = np.append(3.0 * np.arange(11), [7000.0])
+    convergence.mark_steps(axes, {"step": np.append(np.arange(1, 12), [11]), "product": begin})
+    [top] = axes.child_axes
+    assert [text.get_text() for text in top.get_xticklabels()] == ["11"]
+    convergence.mark_steps(axes, {"step": np.arange(1, 12), "product": 30.0 * np.arange(11)})
+    numbers = [int(text.get_text()) for text in axes.child_axes[-1].get_xticklabels()]
+    assert numbers == list(range(1, 12))  # of steps alike all that have room
 
 
 def test_a_single_residual_has_an_axis(tmp_path):
