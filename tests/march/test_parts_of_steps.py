@@ -20,7 +20,7 @@ from driver.march import checkpoint, globalization
 from driver.march.closure import Closure
 from driver.march.cycle_verdict import MOVED, WORN, Past, judged
 from driver.march.following import (AFRESH, COMBINED, EACH, PLAIN, SHARES, FollowingSolver,
-                                    _Nearing)
+                                    _Nearing, by_much)
 from driver.march.friction_qp import FrictionQP
 from driver.march.packing import Stack, pack, unpacked
 from driver.march.relaxation import ContactRelaxation
@@ -704,3 +704,12 @@ def test_steps_of_a_fallback_are_counted():
     fallbacks.note(globalization.LEMKE, 14)
     [line] = fallbacks.warnings()
     assert line.endswith("did not settle, in 2 steps from step 12 on")
+
+
+@pytest.mark.parametrize("missed, said", [
+    (2.6e7, "more than the bodies deform"), (np.inf, "more than the bodies deform"),
+    (0.0123, "1.2 % of the deformation or of the contact forces"),
+    (2e-5, "0.002 % of the deformation or of the contact forces")])
+def test_changes_of_geometry_are_named_by_what_they_are_relative_to(missed, said):
+    """A hook that jumps off a ledge and is bent no more had changed "by 2.6e+07"."""
+    assert by_much(missed) == said
