@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from driver.errors import InputError
+from driver.units import assumed
 
 # two squares side by side, unlike ones, pulled apart by different forces: plane stress bars
 BARS = """include "scene.idp"
@@ -52,6 +53,15 @@ def test_regions_still_give_materials(solved, changed, tmp_path):
     named, region = solved(changed()), solved(path)
     assert named.summary["probes"] == region.summary["probes"]
     assert "materials" not in region.summary
+
+
+@pytest.mark.parametrize("calls, said", [("", 1), ('units("m", "Pa");', 0)])
+def test_units_that_a_scene_does_not_name_are_assumed_aloud(solved, changed, calls, said):
+    """Tables of a scene in mm and MPa that lacks units() say m and Pa; one in m may name them."""
+    run = solved(changed('subdomains("auto");', f'subdomains("auto");{calls}'))
+    units = run.summary["units"]
+    assert (units["length"], units["stress"]) == ("m", "Pa")
+    assert len(assumed(units)) == said
 
 
 @pytest.mark.parametrize("old, new, reason", [
