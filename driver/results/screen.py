@@ -9,6 +9,8 @@ from .tables import BOUNDARIES, PROBES
 NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(\.\d*)?([eE][-+]?\d+)?")
 ROUNDING = 1e-13  # of the largest value of the same unit
 LONG = 60  # characters; longer lists of steps are left to summary.json
+UNCHECKED = ("a study estimates no errors and does not check that strains, rotations and slides "
+             "are small: make run does, for values that matter")
 HEADS = {"force_x": "force x", "force_y": "force y", "u_x": "u x", "u_y": "u y",
          "normal_resultant": "normal", "tangential_resultant": "tangential",
          "peak_pressure": "peak pressure", "contact_length": "length", "slip": "slip",
