@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from driver.figures import effects, hard, study
-from driver.figures.style import STATUS, canvas
+from driver.figures.style import BLUE, INK, RED, STATUS, canvas
 from driver.files import write_table
 
 
@@ -39,6 +39,13 @@ def test_states_that_no_node_has_are_not_drawn():
     axes = drawn([1.0, 2.0], nodes_open=none, nodes_stick=none).axes[2]
     assert [line.get_label() for line in axes.lines] == ["slip"]
     assert len(drawn([1.0, 2.0], **{f"nodes_{zone}": none for zone in STATUS}).axes[2].lines) == 3
+
+
+def test_colours_are_those_of_a_run():
+    """Slip is orange there and sticking blue: pressing is red, rubbing blue, work black."""
+    forces, peak, _, work = drawn([1.0, 2.0]).axes
+    assert [line.get_color() for line in forces.lines] == [RED, BLUE]
+    assert [peak.lines[0].get_color(), work.lines[0].get_color()] == [RED, INK]
 
 
 def test_the_table_of_hard_cases_is_drawn_without_a_layout_engine(tmp_path):
