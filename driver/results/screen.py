@@ -47,6 +47,11 @@ def cycles(found: dict | None, units: dict[str, str]) -> list[str]:
     if found["skipped"]:
         count += (f", {found['skipped']} of them jumped over, which may err by "
                   f"{found['error']:.2g} {length}")
+    energy = generic("stress length^2", units)
+    work = f"friction takes {last['dissipated']:.4g} {energy}"
+    if found["settled_after"] is None and found["number"] == 1:
+        return [f"{count}, none before to compare with: slip of {last['slip']:.3g} {length}, "
+                f"{work}"]
     if found["settled_after"] is None:
         verdict = f"not settled, {last['kind']} so far: "
     else:
@@ -54,9 +59,7 @@ def cycles(found: dict | None, units: dict[str, str]) -> list[str]:
     grows = {"shakedown": "", "alternating slip": f"slip of {last['slip']:.3g} {length} a cycle, ",
              "ratcheting": f"advance of {last['drift']:.3g} {length} a cycle, ",
              "wear": f"{last['wear']:.3g} {length} worn off a cycle, "}[last["kind"]]
-    energy = generic("stress length^2", units)
-    return [f"{count}, {verdict}forces change by {last['change']:.1e} a cycle, {grows}"
-            f"friction takes {last['dissipated']:.4g} {energy}"]
+    return [f"{count}, {verdict}forces change by {last['change']:.1e} a cycle, {grows}{work}"]
 
 
 def warnings(sentences: list[str]) -> list[str]:

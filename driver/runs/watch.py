@@ -60,8 +60,11 @@ class Progress:
     def judge(self, cycles) -> None:
         """Report the cycle that has ended: on the screen where it says something new."""
         self.total, (last, *_) = cycles.total, cycles.past.rows[::-1]
-        line = (f"{self.label}: cycle {last['cycle']}: {'' if last['settled'] else 'not '}settled, "
-                f"{last['kind']}, change {last['change']:.1e}, slip {last['slip']:.3g}")
+        state = (f"{'' if last['settled'] else 'not '}settled, {last['kind']}, change "
+                 f"{last['change']:.1e}")
+        if last["cycle"] == 1 and not last["settled"]:
+            state = "none before to compare with"
+        line = f"{self.label}: cycle {last['cycle']}: {state}, slip {last['slip']:.3g}"
         self.note(line)
         verdict = last["kind"], last["settled"]
         if self.bar is None and not self.quiet and verdict != self.verdict:
