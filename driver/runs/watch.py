@@ -62,11 +62,11 @@ class Progress:
         self.total, (last, *_) = cycles.total, cycles.past.rows[::-1]
         state = (f"{'' if last['settled'] else 'not '}settled, {last['kind']}, change "
                  f"{last['change']:.1e}")
+        verdict = last["kind"], last["settled"]
         if last["cycle"] == 1 and not last["settled"]:
-            state = "none before to compare with"
+            state, verdict = "none before to compare with", ("", False)
         line = f"{self.label}: cycle {last['cycle']}: {state}, slip {last['slip']:.3g}"
         self.note(line)
-        verdict = last["kind"], last["settled"]
         if self.bar is None and not self.quiet and verdict != self.verdict:
             print(line, flush=True)
         self.verdict = verdict
