@@ -865,6 +865,21 @@ def test_supports_rollers_and_moved_supports_look_different(tmp_path, changes, w
     assert ("moved by up to 1 mm" in words(figure)) == any("moved" in name for name in changes)
 
 
+def test_gaps_that_are_not_magnified_are_told_of(tmp_path):
+    """Bodies that close them run into the obstacle in the picture, and nothing is wrong with them.
+    """
+    run = figures.read_run(make_run(tmp_path / "run", steps=2, products=6))
+    mesh, touching = run.last, run.contact["status"] != "open"
+    for closed, said in ((touching, True), (~touching, False)):
+        run.contact["gap"] = np.where(closed, 1e-3, 0.0)
+        # pylint: disable-next=protected-access
+        assert bool(body._not_magnified(run, mesh, 300.0)) == said
+    run.contact["gap"] = np.where(touching, 1e-3, 0.0)
+    for times in (1.0, 3.0):
+        assert body._not_magnified(run, mesh, times) == ""  # pylint: disable=protected-access
+    assert "gaps not magnified" in words(figures.compose("deformed", run))
+
+
 def test_a_support_that_turns_has_an_arrow_at_every_place(tmp_path):
     """The mean of its ways is rounding: one arrow in its direction would say that it shifts."""
     run = moved_run(tmp_path, {"moved_x": 1e-3})
