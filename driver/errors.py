@@ -129,6 +129,8 @@ def write_error(problem: OSError) -> InputError:
         return InputError("what reads the output has ended: let it read to the end, or give "
                           "QUIET=yes")
     where = f" ({problem.filename})" if problem.filename else ""
+    if problem.errno in (errno.ENOSPC, errno.EDQUOT):
+        where += ": make room there, or give another OUT; without fields (FIELDS=no) it takes less"
     return file_error(problem, f"writing the results failed: {problem.strerror or problem}{where}")
 
 

@@ -68,3 +68,11 @@ def generic(unit: str, units: dict[str, str]) -> str:
     powers = {"stress": (1, 0), "length": (0, 1), "stress length": (1, 1),
               "stress length^2": (1, 2)}
     return spelt(*powers[unit], units) if unit in powers else ""
+
+
+def assumed(units: dict[str, str]) -> list[str]:
+    """A sentence where the scene names no units, and tables say metre and pascal all the same."""
+    if "assumed" not in units:
+        return []
+    return [f'the scene names no units, {units["length"]} and {units["stress"]} are assumed: '
+            'units("mm", "MPa");  names others']

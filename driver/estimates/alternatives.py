@@ -237,7 +237,7 @@ def price_list(companions, parts: dict, budget: dict, name: str, run: Measured, 
     values, errors = ({q: entry[key] for q, entry in budget.items()} for key in ("value", "total"))
     zero = vanishing(values, errors)
     if not name:
-        known = [q for q in budget if errors[q] is not None and q not in zero]
+        known = [q for q in budget if errors[q] is not None and values[q] and q not in zero]
         given = by_balance(values, parts["mesh"]) if parts else set()
         other = [q for q in known if q not in given]
         wrong = [q for q in other if errors[q]]  # contact all along a boundary is exact
@@ -247,7 +247,8 @@ def price_list(companions, parts: dict, budget: dict, name: str, run: Measured, 
     if errors[name] is None:
         return head | {"reason": f"the error of the {words} is not known"}
     if name in zero or not values[name]:
-        return head | {"reason": f"the {words} is zero but for its error"}
+        exactly = not values[name] and not errors[name]
+        return head | {"reason": f"the {words} is zero" + ("" if exactly else " but for its error")}
     try:
         found = _predicted(companions, parts, name, values[name], run, idle, spent)
     except DriverError as problem:  # of a companion; other errors are ours

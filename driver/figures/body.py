@@ -27,6 +27,7 @@ STRAIN = 0.25  # or where that strains most of the body so much in the picture, 
 MOST = 98  # percentage of the triangles: corners strain more
 LARGE = 0.03  # displacements of this part of the size are shown as they are
 OVERLAP = 0.01  # of the size: bodies may run so far through each other in the picture,
+APART = 0.005  # of the size: gaps that are not magnified are told of beyond
 ZOOMED = 0.003  # and so far where the contact has a picture of its own
 SMALL = 0.12  # a contact of this part of the size has a picture of its own
 BAR = 40  # length of the bar of colours over its thickness
@@ -118,7 +119,8 @@ def draw_deformed(figure: Figure, run: Run, mesh: Mesh, times: float, top: float
     wide = extent[0] > 1.3 * extent[1]
     _stress(figure, axes, run, mesh, moved, wide, top)
     title = f"Deformed {_plural(mesh)}{run.at(mesh.time)}, {_magnified(times)}"
-    run_header(figure, run, title, handles, _overlapping(run))
+    note = ", ".join(filter(None, (_overlapping(run), _not_magnified(run, mesh, times))))
+    run_header(figure, run, title, handles, note)
     shrink_to_body(figure, axes)
     _name_materials(axes, run, mesh, moved)
 
@@ -145,6 +147,21 @@ def _magnified(times: float) -> str:
     if times == 1:
         return "displacements to scale"
     return f"displacements magnified {times:,.0f}×".replace(",", "\u2009")
+
+
+def _not_magnified(run: Run, mesh: Mesh, times: float) -> str:
+    """That gaps are as they are, where bodies that close or overlap them would seem to be apart.
+
+    By a magnified displacement they run through an obstacle, or have a slit between them after a
+    press fit. Where contact follows the motion obstacles stand where they do at the time.
+    """
+    if times == 1 or run.contact is None or run.obstacle is not None:
+        return ""
+    now = run.contact["time"]
+    rows = select(run.contact, now == now[np.abs(now - mesh.time).argmin()])
+    closed = np.abs(rows["gap"][rows["status"] != "open"])
+    apart = abs(times - 1) * closed.max(initial=0.0)
+    return "gaps not magnified" if apart > APART * np.ptp(mesh.xy, axis=0).max() else ""
 
 
 def _overlapping(run: Run) -> str:

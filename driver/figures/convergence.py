@@ -30,18 +30,24 @@ def thin_out(table: dict) -> tuple[dict, int]:
 
 
 def mark_steps(axes, table: dict) -> None:
-    """Faint lines where time steps begin, with as many step numbers above as have room."""
+    """Faint lines where time steps begin, with as many step numbers above as have room.
+
+    Of steps that begin near one another that of the most products.
+    """
     steps, first = np.unique(table["step"], return_index=True)
     begin = table["product"][first]
     for x in begin[1:]:
         axes.axvline(x, color="0.85", lw=0.5, zorder=0)
     room = (0.012 + 0.01 * len(f"{steps.max():.0f}")) * np.ptp(table["product"])
-    ticks = []
-    for step, x in zip(steps, begin):
-        if not ticks or x - ticks[-1][1] >= room:
-            ticks.append((step, x))
+    ticks, products = [], np.diff(begin, append=table["product"].max())
+    for k, x in enumerate(begin):
+        if ticks and x - begin[ticks[-1]] < room:
+            if products[k] <= room or products[k] <= products[ticks[-1]]:
+                continue
+            ticks.pop()
+        ticks.append(k)
     top = axes.secondary_xaxis("top")
-    top.set_xticks([x for _, x in ticks], [f"{s:.0f}" for s, _ in ticks])
+    top.set_xticks(begin[ticks], [f"{steps[k]:.0f}" for k in ticks])
     top.tick_params(labelsize=7, length=2)
     top.set_xlabel("time step (at its first product)", fontsize=8)
 
@@ -67,7 +73,7 @@ def convergence(figure: Figure, run: Run) -> None:
     axes.set(xlabel="dual multiplications, cumulative", ylabel="relative projected gradient [–]")
     axes.margins(x=0.01)
     mark_steps(axes, table)
-    note = f"every {every}th iteration and all starts drawn" if every > 1 else ""
+    note = f"one iteration in {every} and all starts drawn" if every > 1 else ""
     run_header(figure, run, "Convergence of MPRGP", handles, note)
 
 

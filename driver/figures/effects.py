@@ -17,6 +17,7 @@ from .style import BLUE, GREEN, INCH, INK, ORANGE, PURPLE, RED, SKY, canvas, hea
 COLOURS = (INK, RED, BLUE, GREEN, ORANGE, PURPLE, SKY, "#7A4B00")
 DASHES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)))
 STAGES = {"export": "#BBBBBB", "read": "#777777", "setup": ORANGE, "solve": BLUE, "output": GREEN}
+_ENDS = {"2": "refused", "3": "no solution", "4": "not converged"}  # by exit status
 HEADINGS = {  # of the changes at the end of the run
     "peak_normal": "peak\n$|\\sigma_n|$", "peak_tangential": "peak\n$|\\sigma_t|$",
     "resultant_n": "normal\nforce", "resultant_t": "shear\nforce",
@@ -124,12 +125,12 @@ def _changes(axes, variants: list[dict]) -> None:
             reason = variant["reason"]
             if len(reason) >= 64:
                 reason = reason[:61].rsplit(" ", 1)[0] + " …"
-            axes.text(len(HEADINGS) / 2 - 0.5, i, f"no solution: {reason}", ha="center",
-                      va="center", fontsize=6, color="0.3")
+            axes.text(len(HEADINGS) / 2 - 0.5, i, f"{_ENDS.get(variant['status'], 'failed')}: "
+                      f"{reason}", ha="center", va="center", fontsize=6, color="0.3")
             continue
         for k, value in enumerate(values[i]):
-            text = change(value).replace("-", "\N{MINUS SIGN}")
-            axes.text(k, i, text, ha="center", va="center", fontsize=7)
+            text = change(value).replace("-", "\N{MINUS SIGN}").replace(" ", "\N{THIN SPACE}")
+            axes.text(k, i, text, ha="center", va="center", fontsize=6)
     axes.set_xticks(range(len(HEADINGS)), list(HEADINGS.values()), fontsize=6.5)
     axes.set_yticks(range(len(variants)), [label(variant["without"]) for variant in variants])
     axes.set_xticks(np.arange(-0.5, len(HEADINGS)), minor=True)

@@ -21,6 +21,7 @@ LINES = {"free": INK, "support": BLUE, "load": RED, "contact": GREEN, "pair": GR
          "springs": SKY, "joined": ORANGE}
 ARROW, SHORTEST = 0.16, 0.2  # longest arrow over the body's size, shortest one over the longest
 FAINT = 1e-6  # part of the largest body force that is none
+ALIKE = 0.05  # part of the largest way on a label by which others may differ to be one arrow
 RARE = 0.03  # share of the triangles from which on a material has a tint of its own
 
 
@@ -214,15 +215,22 @@ def _at_points(axes, run: Run, edges: tuple, factor: float, size: float) -> list
 
 
 def _motion_arrows(axes, boundary: dict, edges: tuple, moved: np.ndarray, size: float) -> None:
-    """An arrow in the middle of every label that moves, in its direction, all of one length."""
+    """An arrow in the middle of every label that moves, in its direction, all of one length.
+
+    Where a label turns or stretches some along it, each as long as its place moves.
+    """
     start, end, normal = edges
     for name in np.unique(boundary["label"][moved]):
         own = np.flatnonzero(moved & (boundary["label"] == name))
-        motion = np.array([boundary[c][own].mean() for c in ("moved_x", "moved_y")])
-        if not motion.any():
+        motion = np.column_stack([boundary[c][own] for c in ("moved_x", "moved_y")])
+        largest = np.linalg.norm(motion, axis=1).max()
+        if np.ptp(motion, axis=0).max() > ALIKE * largest:
+            points, edge = sample(start[own], end[own], 0.12 * size)
+            arrows = 0.08 * size * motion[edge] / largest
+            _quiver(axes, points + 0.05 * size * normal[own[edge]] - arrows / 2, arrows, PURPLE)
             continue
         points, edge = sample(start[own], end[own], np.inf)
-        arrow = 0.12 * size * motion / np.linalg.norm(motion)
+        arrow = 0.12 * size * motion[edge[0]] / largest
         outside = normal[own[edge[0]]]
         base = points[0] + 0.05 * size * outside
         if arrow @ outside < 0:

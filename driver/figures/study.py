@@ -11,7 +11,7 @@ from ..text import words
 from .reading import select
 from ..units import spelt
 from .scales import scale_for
-from .style import BLUE, ORANGE, STATUS, canvas, literal, write
+from .style import BLUE, INK, RED, STATUS, canvas, literal, write
 
 FAR = 30  # times the least value: from there on values may stand on a logarithmic axis
 
@@ -43,15 +43,15 @@ def _fill(figure: Figure, summary: dict, table: dict) -> None:
     units = summary["units"]
     forces, peak, zones, energy = figure.subplots(2, 2, sharex=True).ravel()
     plot(forces, "contact force", spelt(1, 1, units),
-         {"normal resultant": (-table["resultant_n"], BLUE),
-          "tangential resultant": (table["resultant_t"], ORANGE)})
-    plot(peak, "peak pressure", units["stress"], {"": (table["peak_pressure"], BLUE)})
+         {"normal resultant": (-table["resultant_n"], RED),
+          "tangential resultant": (table["resultant_t"], BLUE)})
+    plot(peak, "peak pressure", units["stress"], {"": (table["peak_pressure"], RED)})
     states = {zone: (table[f"nodes_{zone}"], colour) for zone, colour in STATUS.items()}
     occurring = {zone: curve for zone, curve in states.items() if curve[0].any()}
     plot(zones, "contact nodes", "", occurring or states)  # lines of zeros hide one another
     zones.update_datalim([(values[0], 0.0)] if numbers else [(0.0, 0.0)])
     zones.autoscale_view()
-    plot(energy, "dissipated energy", spelt(1, 2, units), {"": (table["dissipated"], ORANGE)})
+    plot(energy, "dissipated energy", spelt(1, 2, units), {"": (table["dissipated"], INK)})
     for axes in (forces, zones):
         axes.legend(frameon=False)
     for axes in (zones, energy):

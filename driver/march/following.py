@@ -27,7 +27,7 @@ from ..contact.states import OPEN
 from ..errors import DriverError, InputError, NotConverged
 from ..feti.nodal import NodalFields
 from ..qp.anderson import Anderson
-from ..text import step_name
+from ..text import percent, step_name
 from .quasistatic import QuasistaticSolver
 from .step import Step, StepFailed
 
@@ -41,6 +41,16 @@ AFRESH = 0.1  # of what was missed: below it those before are of another place, 
 FINER = 0.01  # part of the tolerances of a step whose geometries do not settle
 COARSER = 100.0  # times the tolerances to which the first geometries of a step are solved at most
 AHEAD = 0.01  # or so many times what is missed yet
+
+
+def by_much(missed: float) -> str:
+    """A change of geometry, relative to the deformation or to the contact forces, in words.
+
+    Bodies that jump from one place to another may hardly deform: multiples of that say nothing.
+    """
+    if missed >= 1:
+        return "more than the bodies deform"
+    return f"{percent(missed)} of the deformation or of the contact forces"
 
 
 class FollowingSolver(QuasistaticSolver):
@@ -90,7 +100,7 @@ class FollowingSolver(QuasistaticSolver):
             if geometries == MOST:
                 error = NotConverged(
                     f"{step_name(index)}: the contact geometry still changes after {MOST} "
-                    f"renewals, by {missed:.1e}; smaller steps, or rounder corners, may help")
+                    f"renewals, by {by_much(missed)}; smaller steps, or rounder corners, may help")
                 break
             patterns = operator.structure.patterns
             x = step.multipliers

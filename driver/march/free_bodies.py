@@ -85,7 +85,7 @@ class FreeBodies:
         if way < turn * structure.travel.bodies.size[body]:
             return f"body {body + 1} is free to turn"
         return (f"body {body + 1} is free to move off in the direction "
-                "({:.2g}, {:.2g})".format(*(along / way + 0.0).round(6)))
+                "({:.2g}, {:.2g})".format(*((along / way).round(6) + 0.0)))
 
     def _why_no_rest(self, index: int, work: np.ndarray) -> str:
         """`work` (modes,) of the loads on the rigid motions."""

@@ -22,6 +22,7 @@ from ..qp.branching import MOST_NODES, search_states
 from ..qp.continuation import at_the_end_of_a_path
 from ..qp.coulomb import CoulombProblem
 from ..qp.few_nodes import solution_among
+from ..text import step_name
 
 ANDERSON = "Anderson acceleration"
 NEWTON = "Newton on the condensed contact rows"
@@ -47,8 +48,13 @@ class Fallbacks:
     def warnings(self) -> list[str]:
         """One line for every method that was used."""
         return [f"{method} found the solution where successive approximations of the friction "
-                f"bound did not settle, from step {steps[0]} on in {len(steps)} of the steps"
-                for method, steps in self.steps.items()]
+                f"bound did not settle, in {_named(steps)}" for method, steps in self.steps.items()]
+
+
+def _named(steps: list[int]) -> str:
+    """One step by its number, several by the first of them."""
+    return (step_name(steps[0]) if len(steps) == 1 else
+            f"{len(steps)} steps from {step_name(steps[0])} on")
 
 
 def solve_condensed(problem: CoulombProblem, start: np.ndarray) -> tuple[np.ndarray | None, str]:

@@ -7,6 +7,7 @@ import numpy as np
 from ..environment import PLAIN_PROGRAM, silenced
 from . import pivots
 from .active_set import solution_within
+from .borders import on_border
 from .coulomb import BACKWARD, FORWARD, OPEN, STICK, CoulombProblem
 from .dependent_rows import by_yielding
 from .nearby import nearly_in
@@ -61,7 +62,8 @@ def newton(problem: CoulombProblem, start: np.ndarray, most: int = NEWTON_STEPS,
             break
     # at a solution states come again at once, on the border of some after a few turns
     last = [start, *visited[-LAST:]]
-    return next((x for x in reversed(last) if problem.solves(x)), None)
+    found = next((x for x in reversed(last) if problem.solves(x)), None)
+    return on_border(problem, found, visited[-1])
 
 
 def approached(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:

@@ -6,6 +6,7 @@ Then the way to it may be chosen by what it takes alone: complementarity.py has 
 import numpy as np
 
 from .anderson import Anderson
+from .borders import on_border
 from .complementarity import approached, approximation, newton
 from .coulomb import ROUNDING, STICK, CoulombProblem
 from .dependent_rows import by_yielding
@@ -61,7 +62,7 @@ def _ended(problem: CoulombProblem, z: np.ndarray) -> np.ndarray | None:
     """The solution that Newton's method goes to from z, to all digits."""
     z = newton(problem, z, narrowing=True, nearly=True)
     exact = None if z is None else problem.solution_in(problem.states(z), problem.signs(z))
-    return exact if problem.solves(exact) else z
+    return on_border(problem, exact) if problem.solves(exact) else z
 
 
 def _of_forces(problem: CoulombProblem, z: np.ndarray) -> np.ndarray:

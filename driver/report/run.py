@@ -9,7 +9,7 @@ from ..estimates.budget_words import (SOURCES, describe_energy, earlier, of_sums
                                       unit, unknown)
 from ..results import screen
 from ..results.tables import BOUNDARIES, PROBES
-from ..units import generic
+from ..units import assumed, generic
 from . import page
 
 CAPTIONS = {
@@ -68,6 +68,7 @@ def _verdict(summary: dict) -> list[str]:
         words += f". Small strains and linearized contact: {validity['verdict']}"
         words += f", {reason}" if reason else ""
     parts = [page.verdict(f"{words}.", kind)]
+    parts += [page.paragraph(f"{line}.") for line in assumed(summary["units"])]
     if summary["uniqueness"].get("verdict", "not examined") != "not examined":
         parts.append(page.paragraph(f"Uniqueness: {summary['uniqueness']['verdict']}."))
     return parts

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from ..errors import InputError
 from ..files import is_study, is_summary, read_rows
+from ..results.screen import UNCHECKED
 from ..units import spelt
 from . import page
 from . import run as single
@@ -60,10 +61,15 @@ def write(directory: Path) -> Path:
     judgements = [_judgement(table, rows) for table, rows in tables.items()]
     tables = dict(sorted(tables.items(), key=lambda table: not _judgement(*table)))
     return page.write(directory, title, [
-        *judgements, _units(summary),
+        *judgements, _unchecked() if is_run else "", _units(summary),
         page.section("Warnings", _warnings(summary)),
         page.section("Figures", *pictures),
         page.section("Tables", *(_table(table, rows) for table, rows in tables.items()))])
+
+
+def _unchecked() -> str:
+    """What values of a parameter are not examined for, beside the verdict that they converged."""
+    return page.paragraph(f"{UNCHECKED[0].upper()}{UNCHECKED[1:]}.")
 
 
 def _title(directory: Path, tables: dict[Path, list[dict]], summary: Path | None) -> str:

@@ -123,7 +123,9 @@ class Summary:
                               "included", "MiB")
     ranks: int = entry("MPI ranks")
     units: dict = entry("names of the scene's units",
-                        parts={"length": "m, mm, ...", "stress": "Pa, MPa, ..."})
+                        parts={"length": "m, mm, ...", "stress": "Pa, MPa, ...",
+                               "assumed": "yes, where the scene names none: length and stress are "
+                                          "m and Pa then"})
     amplitudes: dict = entry(
         "factors of the loads at the start and after every step, by number of the load; of a "
         "history that is repeated with its cycle once")

@@ -5,6 +5,7 @@ from pathlib import Path
 from ..estimates import budget_words, price_words
 from ..results import screen
 from ..text import counted, shown
+from ..units import assumed
 from . import seconds
 
 
@@ -23,6 +24,7 @@ def describe(summary: dict, out: Path) -> str:
              f"{counts['dual_multiplications']} products with F, {newton}largest KKT residual "
              f"{worst:.1e}, force balance {summary['balance']:.1e}",
              f"{seconds.words(summary['seconds'])}, results in {shown(out)}",
+             *assumed(summary["units"]),
              *never_mattered(summary["effects_ledger"]),
              *screen.materials(summary.get("materials", []), summary["units"]),
              *screen.boundaries(summary.get("boundaries", []), summary["units"]),

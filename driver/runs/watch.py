@@ -60,10 +60,13 @@ class Progress:
     def judge(self, cycles) -> None:
         """Report the cycle that has ended: on the screen where it says something new."""
         self.total, (last, *_) = cycles.total, cycles.past.rows[::-1]
-        line = (f"{self.label}: cycle {last['cycle']}: {'' if last['settled'] else 'not '}settled, "
-                f"{last['kind']}, change {last['change']:.1e}, slip {last['slip']:.3g}")
-        self.note(line)
+        state = (f"{'' if last['settled'] else 'not '}settled, {last['kind']}, change "
+                 f"{last['change']:.1e}")
         verdict = last["kind"], last["settled"]
+        if last["cycle"] == 1 and not last["settled"]:
+            state, verdict = "none before to compare with", ("", False)
+        line = f"{self.label}: cycle {last['cycle']}: {state}, slip {last['slip']:.3g}"
+        self.note(line)
         if self.bar is None and not self.quiet and verdict != self.verdict:
             print(line, flush=True)
         self.verdict = verdict

@@ -23,6 +23,7 @@ import numpy as np
 from .. import options
 from ..errors import InputError, error_of
 from ..options import RESULTS
+from ..results.screen import UNCHECKED
 from ..runs import hosts, launch
 from ..runs import seconds as stages
 from ..runs.request import Request
@@ -138,7 +139,8 @@ def describe(summary: dict, out: Path) -> str:
     warnings = "".join(f"\n  {line}" for line in _first(summary["warnings"]))
     return (f"{summary['scene']}: {summary['values']} values of {summary['study']}, {how}, "
             f"{counts['dual_multiplications']} products\n"
-            f"  {stages.words(summary['seconds'])}, results in {shown(out)}{warnings}")
+            f"  {stages.words(summary['seconds'])}, results in {shown(out)}\n"
+            f"  {UNCHECKED}{warnings}")
 
 
 def _first(warnings: list[str]) -> list[str]:

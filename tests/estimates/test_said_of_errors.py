@@ -379,6 +379,18 @@ def test_prices_are_not_those_of_what_is_exact(monkeypatch):
         assert found["quantity"] == name
 
 
+def test_prices_are_not_said_of_what_is_not_there():
+    """Where no error is known it was the wear of a lining that does not wear, "but for its error".
+    """
+    unknown, nothing = {"value": 2.0, "total": None}, {"value": 0.0, "total": 0.0}
+    for budget_, reason in (
+            ({"normal_resultant": unknown, "worn_volume": nothing},
+             "the error of the normal resultant is not known"),
+            ({"worn_volume": nothing}, "the worn volume is zero")):
+        found = alternatives.price_list(SimpleNamespace(), {}, budget_, "", None, 1.0)
+        assert found["reason"] == reason
+
+
 def test_errors_of_coarser_meshes_add_up_to_one_that_failed():
     """The run's, and the distance from mesh to mesh in the same steps."""
     of = object.__new__(alternatives.Alternatives)

@@ -683,7 +683,19 @@ def test_thinned_convergence_keeps_starts_and_counts_everything(tmp_path):
     figure = figures.compose("convergence", run)
     total = sum(int(t.split("(")[1].rstrip(")").replace("\u2009", ""))
                 for t in legend_words(figure))
-    assert total == len(table["kind"]) and f"every {every}th iteration" in words(figure)
+    assert total == len(table["kind"]) and f"one iteration in {every} and" in words(figure)
+
+
+def test_the_step_that_takes_most_products_is_named():
+    """Behind ten steps that take none it had no number, and the first of them had one."""
+    axes = Figure().add_subplot()
+    begin = np.append(3.0 * np.arange(11), [7000.0])
+    convergence.mark_steps(axes, {"step": np.append(np.arange(1, 12), [11]), "product": begin})
+    [top] = axes.child_axes
+    assert [text.get_text() for text in top.get_xticklabels()] == ["11"]
+    convergence.mark_steps(axes, {"step": np.arange(1, 12), "product": 30.0 * np.arange(11)})
+    numbers = [int(text.get_text()) for text in axes.child_axes[-1].get_xticklabels()]
+    assert numbers == list(range(1, 12))  # of steps alike all that have room
 
 
 def test_a_single_residual_has_an_axis(tmp_path):
@@ -851,6 +863,33 @@ def test_supports_rollers_and_moved_supports_look_different(tmp_path, changes, w
     figure = figures.compose("geometry", moved_run(tmp_path, changes))
     assert words_of_legend in legend_words(figure)
     assert ("moved by up to 1 mm" in words(figure)) == any("moved" in name for name in changes)
+
+
+def test_gaps_that_are_not_magnified_are_told_of(tmp_path):
+    """Bodies that close them run into the obstacle in the picture, and nothing is wrong with them.
+    """
+    run = figures.read_run(make_run(tmp_path / "run", steps=2, products=6))
+    mesh, touching = run.last, run.contact["status"] != "open"
+    for closed, said in ((touching, True), (~touching, False)):
+        run.contact["gap"] = np.where(closed, 1e-3, 0.0)
+        # pylint: disable-next=protected-access
+        assert bool(body._not_magnified(run, mesh, 300.0)) == said
+    run.contact["gap"] = np.where(touching, 1e-3, 0.0)
+    for times in (1.0, 3.0):
+        assert body._not_magnified(run, mesh, times) == ""  # pylint: disable=protected-access
+    assert "gaps not magnified" in words(figures.compose("deformed", run))
+
+
+def test_a_support_that_turns_has_an_arrow_at_every_place(tmp_path):
+    """The mean of its ways is rounding: one arrow in its direction would say that it shifts."""
+    run = moved_run(tmp_path, {"moved_x": 1e-3})
+    own, edges = run.boundary["label"] == 4, run.boundary
+    run.boundary["moved_x"][own] = -1e-3 * ((edges["y0"] + edges["y1"])[own] / 2 - 0.5)
+    violet = [c for c in figures.compose("geometry", run).axes[0].collections
+              if isinstance(c, Quiver) and c.get_facecolor()[0, 2] > c.get_facecolor()[0, 1]]
+    [arrows] = violet
+    assert len(arrows.U) > 1 and np.isclose(arrows.U.sum(), 0, atol=1e-9)  # about its middle
+    assert (np.sign(arrows.U) == np.sign(0.5 - arrows.Y)).all()
 
 
 @pytest.mark.parametrize("role, words, zigzags", [

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from driver.figures import hard, study
-from driver.figures.style import STATUS, canvas
+from driver.figures import effects, hard, study
+from driver.figures.style import BLUE, INK, RED, STATUS, canvas
 from driver.files import write_table
 
 
@@ -41,6 +41,13 @@ def test_states_that_no_node_has_are_not_drawn():
     assert len(drawn([1.0, 2.0], **{f"nodes_{zone}": none for zone in STATUS}).axes[2].lines) == 3
 
 
+def test_colours_are_those_of_a_run():
+    """Slip is orange there and sticking blue: pressing is red, rubbing blue, work black."""
+    forces, peak, _, work = drawn([1.0, 2.0]).axes
+    assert [line.get_color() for line in forces.lines] == [RED, BLUE]
+    assert [peak.lines[0].get_color(), work.lines[0].get_color()] == [RED, INK]
+
+
 def test_the_table_of_hard_cases_is_drawn_without_a_layout_engine(tmp_path):
     """Its cells have places of their own; so have no other figures (`make hard` ended there)."""
     numbers = dict.fromkeys(hard.NUMBERS, 1e-9) | {"kkt_tolerance": 1e-8, "ratio_allowed": 2.0}
@@ -52,3 +59,22 @@ def test_the_table_of_hard_cases_is_drawn_without_a_layout_engine(tmp_path):
     write_table(tmp_path / "report.csv", rows)
     assert {path.name for path in hard.draw(tmp_path / "report.csv")} == {
         "report.png", "report.pdf", "sweeps.png", "sweeps.pdf"}
+
+
+def test_changes_of_effects_do_not_run_into_one_another():
+    """Beside long names of effects they did: +0.45 %+0.05 %; what is refused has no solution to
+    look for.
+    """
+    full = {"without": "", "status": "0", "dual_multiplications": "155", "seconds_total": "1.9",
+            **{f"{name}_change": "" for name in effects.HEADINGS}}
+    spent = {f"seconds_{stage}": "0.3" for stage in effects.STAGES}
+    small = full | spent | {"without": "obstacle motion"} | {
+        f"{name}_change": value for name, value in zip(effects.HEADINGS, 4 * ["0.0045", "-0.0068"])}
+    ended = [full | {"without": "wear", "status": status, "reason": "so"} for status in "234"]
+    # pylint: disable-next=protected-access
+    figure = canvas(lambda page: effects._fill(page, "shoe", [full, small, *ended], {}), 6)
+    texts = [text for text in figure.axes[0].texts]
+    row = [text.get_window_extent() for text in texts if "%" in text.get_text()]
+    assert len(row) == 8 and all(a.x1 < b.x0 for a, b in zip(row, row[1:]))
+    assert [text.get_text() for text in texts[8:]] == [
+        "refused: so", "no solution: so", "not converged: so"]

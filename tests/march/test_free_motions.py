@@ -170,6 +170,7 @@ def test_where_unbalanced_forces_drive_a_body():
     """In their direction, unless they turn it by more, over its size."""
     modes = [mode(1, (2.0, 0.0)), mode(1, (0.0, 1.0)), mode(1, (0.0, 0.0), 0.5), mode(0)]
     for net, words in (([1.5, -4.0, 0.0, 99.0], "direction (0.6, -0.8)"),
+                       ([-1e-12, -4.0, 0.0, 99.0], "direction (0, -1)"),  # and not (-0, -1)
                        ([1.5, -4.0, 2.6, 99.0], "free to turn")):
         of = free(modes, np.zeros((4, 4)), imbalance=lambda x, weights, net=net: (
             np.array(net), None))

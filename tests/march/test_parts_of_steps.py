@@ -20,7 +20,7 @@ from driver.march import checkpoint, globalization
 from driver.march.closure import Closure
 from driver.march.cycle_verdict import MOVED, WORN, Past, judged
 from driver.march.following import (AFRESH, COMBINED, EACH, PLAIN, SHARES, FollowingSolver,
-                                    _Nearing)
+                                    _Nearing, by_much)
 from driver.march.friction_qp import FrictionQP
 from driver.march.packing import Stack, pack, unpacked
 from driver.march.relaxation import ContactRelaxation
@@ -674,8 +674,8 @@ def test_methods_are_told_with_their_steps():
     for method, step in (("one", 2), ("one", 2), ("one", 5), ("two", 3)):
         fallbacks.note(method, step)
     first, second = fallbacks.warnings()
-    assert first.startswith("one found") and first.endswith("from step 2 on in 2 of the steps")
-    assert second.endswith("from step 3 on in 1 of the steps")
+    assert first.startswith("one found") and first.endswith("in 2 steps from step 2 on")
+    assert second.endswith("did not settle, in step 3")
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -692,3 +692,12 @@ def test_contraction_is_the_mean_ratio_over_a_window(seed):
 
 def test_constants_that_are_called_parts_are_between_none_and_all():
     assert not constants.beyond("march")
+
+
+@pytest.mark.parametrize("missed, said", [
+    (2.6e7, "more than the bodies deform"), (np.inf, "more than the bodies deform"),
+    (0.0123, "1.2 % of the deformation or of the contact forces"),
+    (2e-5, "0.002 % of the deformation or of the contact forces")])
+def test_changes_of_geometry_are_named_by_what_they_are_relative_to(missed, said):
+    """A hook that jumps off a ledge and is bent no more had changed "by 2.6e+07"."""
+    assert by_much(missed) == said

@@ -572,7 +572,8 @@ def test_newton_that_narrows_goes_on_while_few_nodes_change(nodes, changes, sett
         states.append(np.where(np.arange(nodes) < count, 1 - states[-1], states[-1]))
     problem = SimpleNamespace(
         n=nodes, states=lambda step: states[step], signs=lambda step: np.ones(nodes),
-        solution_in=lambda *_: taken.append(1) or len(taken), solves=lambda step: step == 4)
+        solution_in=lambda *_: taken.append(1) or len(taken), solves=lambda step: step == 4,
+        violation=lambda step: 0.0 if step == 4 else 1.0)
     taken = []
     assert complementarity.newton(problem, 0, narrowing=True) == (4 if settles else None)
 

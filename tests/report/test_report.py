@@ -15,6 +15,7 @@ from driver.files import STUDY, write_table
 from driver.report import page
 from driver.report import run as single
 from driver.report import study
+from driver.results.screen import UNCHECKED
 
 EMPTY = {"img", "meta", "br"}  # elements without an end
 PNG = bytes.fromhex("89504e470d0a1a0a0000000d49484452000000010000000108060000001f15c489"
@@ -245,6 +246,8 @@ def test_the_page_of_a_parameter_study(tmp_path, command_here):
     page = Page(tmp_path / "out" / "report.html")
     assert "study of friction" in page.words and "study: all 2 converged." in page.words
     assert "Lengths in m, stresses in Pa, forces in N/m, energies in J/m." in page.words
+    # "converged" is all that a study knows of its values
+    assert UNCHECKED in done.stdout and UNCHECKED[1:] in page.words
 
 
 def test_wide_pictures_are_scrolled_where_the_screen_is_narrow(tmp_path):

@@ -378,6 +378,11 @@ def test_a_line_about_cycles(kind, words):
     line, = screen.cycles({"last": last, "number": 1, "skipped": 0, "error": 0.0,
                            "settled_after": 1}, UNITS)
     assert line.startswith(f"1 cycle, settled from cycle 1 on: {kind}")
+    # one alone comes to nothing yet: its change of 1 is that from nothing
+    line, = screen.cycles({"last": last | {"change": 1.0}, "number": 1, "skipped": 0, "error": 0.0,
+                           "settled_after": None}, UNITS)
+    assert line == ("1 cycle, none before to compare with: slip of 0.25 mm, "
+                    f"friction takes 3 {line.split()[-1]}")
     assert screen.cycles(None, UNITS) == []
 
 

@@ -111,3 +111,12 @@ def test_an_output_that_nobody_reads_any_more_is_no_disk_error():
                           stdout=writing, stderr=subprocess.PIPE, text=True, check=False)
     os.close(writing)
     assert done.returncode == 0 and not done.stderr
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])
+def test_a_full_disk_is_said_with_what_to_do(number):
+    """An error of writing, unlike one of opening, names no file."""
+    said = str(write_error(OSError(number, "No space left on device")))
+    assert "No space left on device" in said and "OUT" in said and "FIELDS=no" in said
+    other = str(write_error(OSError(errno.EACCES, "Permission denied", "out/summary.json")))
+    assert "out/summary.json" in other and "FIELDS" not in other

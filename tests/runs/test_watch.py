@@ -35,3 +35,18 @@ def test_freefem_that_takes_long_is_told_ever_more_seldom(monkeypatch, capsys, t
     out = capsys.readouterr().out.splitlines()
     doing = "strip: FreeFEM assembles 5,000 nodes in 12 subdomains"
     assert out == ([] if quiet else ["strip: FreeFEM meshes, 10 s so far", f"{doing}, 21 s so far"])
+
+
+def test_cycles_are_told_where_they_say_something_new(capsys):
+    """The first of several comes to nothing yet; what the second comes to is said, then."""
+    told = watch.Progress(12, 0, "strip", False, None)
+    told.bar, rows = None, []
+    for kind, settled in (("ratcheting", False), ("ratcheting", False), ("ratcheting", False),
+                          ("alternating slip", True)):
+        rows.append({"cycle": len(rows) + 1, "kind": kind, "settled": settled, "change": 1.0,
+                     "slip": 0.5})
+        told.judge(SimpleNamespace(total=12, past=SimpleNamespace(rows=rows)))
+    assert capsys.readouterr().out.splitlines() == [
+        "strip: cycle 1: none before to compare with, slip 0.5",
+        "strip: cycle 2: not settled, ratcheting, change 1.0e+00, slip 0.5",
+        "strip: cycle 4: settled, alternating slip, change 1.0e+00, slip 0.5"]

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from driver.errors import InputError
+from driver.scene.manifest import read_manifest
+from driver.units import assumed
 
 # two squares side by side, unlike ones, pulled apart by different forces: plane stress bars
 BARS = """include "scene.idp"
@@ -52,6 +54,15 @@ def test_regions_still_give_materials(solved, changed, tmp_path):
     named, region = solved(changed()), solved(path)
     assert named.summary["probes"] == region.summary["probes"]
     assert "materials" not in region.summary
+
+
+@pytest.mark.parametrize("calls, said", [("", 1), ('units("m", "Pa");', 0)])
+def test_units_that_a_scene_does_not_name_are_assumed_aloud(solved, changed, calls, said):
+    """Tables of a scene in mm and MPa that lacks units() say m and Pa; one in m may name them."""
+    run = solved(changed('subdomains("auto");', f'subdomains("auto");{calls}'))
+    units = run.summary["units"]
+    assert (units["length"], units["stress"]) == ("m", "Pa")
+    assert len(assumed(units)) == said
 
 
 @pytest.mark.parametrize("old, new, reason", [
@@ -212,3 +223,28 @@ def test_moduli_are_those_inside_triangles(built, tmp_path, element, young, inte
         u[0::2] = sub.xy[:, 0]
         energy += u @ (sub.stiffness @ u) / 2
     assert energy == pytest.approx(integral / 2, rel=1e-13)
+
+
+LAYERS = """include "scene.idp"
+border low(t=0, 2) { x = t; y = 0.; label = 1; }
+border east(t=0, 1) { x = 2.; y = t; label = 2; }
+border top(t=2, 0) { x = t; y = 1.; label = 3; }
+border west(t=1, 0) { x = 0.; y = t; label = 4; }
+border between(t=0, 2) { x = t; y = 0.5; label = 5; }
+body = buildmesh(low(7) + east(4) + top(7) + west(4) + between(7));
+macro young() (y > HEIGHT ? 2e5 : SOFT) //
+macro poisson() 0.3 //
+macro support() on(4, u1 = 0, u2 = 0) //
+macro load1() traction(2, 1., 0.) //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("height, soft, said", [
+    ("0.5", "1e2", False), ("0.57", "1e2", True), ("9.", "2e5*(1 + x/2.)", False)])
+def test_a_modulus_that_jumps_inside_triangles_is_said(exported, tmp_path, height, soft, said):
+    """Such triangles are of neither material, and no estimate of errors sees why it is large."""
+    path = tmp_path / "layers.edp"
+    path.write_text(LAYERS.replace("HEIGHT", height).replace("SOFT", soft))
+    notes = read_manifest(exported(path)).notes
+    assert any(note.startswith("young jumps") for note in notes) == said and len(notes) == said
