@@ -14,6 +14,7 @@ COARSE = 0.01  # RTOL beyond which forces are guesses; FRICTION_RTOL: ten times 
 FAR = 3.0  # times the size of the largest body
 APART = 0.5  # of that size, from which on a declared distance is seldom meant
 SLIDES = 1e-6  # part of the largest slip that is one
+ROUNDED = 1e-9  # part of a load that is none
 OVERLAP, FACETS = 1e-3, 0.05  # of the boundary's size, of a dual segment: what facets may overlap
 
 
@@ -70,6 +71,28 @@ def far_gaps(structure, declared) -> list[str]:
             said.append(f"{macro} keeps contact label {label} at least {least:.3g} away from what "
                         f"it meets, {least / size:.2g} of the size of the largest body: look at "
                         "its sign and unit")
+    return said
+
+
+def held_loads(structure, manifest, comm) -> list[str]:
+    """A sentence for every load on boundaries that acts in a direction along which supports hold
+    all of them. Collective over `comm`.
+    """
+    sizes = np.zeros((2, len(manifest.patterns), 2))  # all of it, what is not held; by components
+    for sub, fixed in zip(structure.subdomains, structure.fixed):
+        for pattern in sub.edge_loads:
+            load = np.abs(sub.loads[pattern])
+            sizes[0, pattern] += load.reshape(-1, 2).sum(axis=0)
+            load[fixed] = 0.0
+            sizes[1, pattern] += load.reshape(-1, 2).sum(axis=0)
+    whole, free = comm.allreduce(sizes)
+    axes, said = "rz" if manifest.axisymmetric else "xy", []
+    for k, pattern in enumerate(manifest.patterns):
+        lost = (free[k] == 0) & (whole[k] > ROUNDED * whole[k].sum())
+        ways = " and ".join(axis for axis, gone in zip(axes, lost) if gone)
+        if ways:
+            said.append(f"load{pattern['amplitude']} acts along {ways} on what supports hold along "
+                        f"{ways}: that moves nothing")
     return said
 
 

@@ -226,6 +226,7 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
                                     manifest.units),
                 *omissions.far_moves(structure, writer.record.displacements),
                 *omissions.far_gaps(structure, problem.effects.rooms),
+                *omissions.held_loads(structure, manifest, problem.operator.comm),
                 *omissions.support_jumps(structure.support_jumps),
                 *omissions.without_wear(writer.record), *omissions.held_inside(writer.record),
                 *(writer.probes.warnings if writer.probes else [])]

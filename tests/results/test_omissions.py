@@ -220,3 +220,17 @@ def test_a_body_that_begins_far_away_is_said(run_of):
     assert not any("without support moves by" in line for line in said[2.0])
     line, = (line for line in said[30.0] if "without support moves by 29" in line)
     assert "times the size of the largest body" in line
+
+
+@pytest.mark.parametrize("load, ways", [
+    ("traction(4, 1., 2.)", "x and y"), ("pressure(4, 1.)", "x"),
+    ("traction(3, 1., 0.) + pressure(4, 1.)", ""), ("traction(3, 1., 0.)", "")])
+@pytest.mark.some(1)
+def test_a_load_on_what_supports_hold_is_said(run_of, load, ways):
+    """The support takes all of it, in any direction in which it holds all nodes."""
+    text = BLOCK.format(more=LOAD + f"macro load2() {load} //")
+    for cut in (2, 5):
+        said = [line for line in run_of(text, subdomains=cut).summary["warnings"]
+                if "that moves nothing" in line]
+        assert [line.split(" on what")[0] for line in said] == (
+            [f"load2 acts along {ways}"] if ways else [])
