@@ -183,6 +183,16 @@ def test_slip_that_rows_do_not_tell_is_not_left_wrong_without_a_word(made, named
         assert any(words in line for line in summary["warnings"]) == said
 
 
+def test_slip_without_friction_is_not_told_as_zero(made):
+    """The foundation's model example slides where it is pressed; its rows are normal ones alone."""
+    _, files = made(scene="model-frictionless", loading="monotone,nonmonotone", steps="2",
+                    cells="2", subdomains="2x1")
+    told = [*(float(row[name]) for row in files["contact"] for name in ("u_t", "slip")),
+            *(float(row["largest_slip"]) for name in ("study", "history") for row in files[name])]
+    assert np.isnan(told).all() and tractions(files["contact"]).any()
+    assert all(float(row["dissipated"]) == 0 for row in files["study"])
+
+
 FREE = """include "scene.idp"
 real F = physical("friction", 0.3);
 subdomains("2x2");
