@@ -301,6 +301,8 @@ def test_names_of_freefem_are_what_the_library_has_undeclared():
     ("-10.)", "1./0.)", "load1"), ("-10.)", "1e400)", "load1"), ("-10.)", "sqrt(-x - 1))", "load1"),
     ("amplitude1(t) t", "amplitude1(t) sqrt(t - 0.5)", "amplitude1"),
     ("amplitude1(t) t", "amplitude1(t) 1./(t - 0.5)", "amplitude1"),
+    ("amplitude1(t) t", "amplitude1(t) (t > 0.76 && t < 0.99 ? 1e400 : t)",
+     "amplitude1 is no finite number at the time 0.7"),  # between steps
     ("young() 1000.", "young() 0./0.", "young"), ("young() 1000.", "young() 1e400", "young"),
     ("poisson() 0.3", "poisson() 0.5", "region 0: of a material that keeps its volume take 0.4999"),
     ("poisson() 0.3", "poisson() 0.51", "poisson = 0.51 is not between -1 and 0.5 in region 0"),
@@ -353,6 +355,10 @@ def test_a_law_of_slip_needs_a_range(said):
      "body is set to another mesh, which would be left out: give each body by addBody(mesh)",
      "rectangle"),
     (("rectangle(0., 2., 0., 1.);", "body = square(3, 3); addBody(square(3, 3, [2*x, y]))"),
+     "body is set to another mesh", "rectangle"),
+    (("rectangle(0., 2., 0., 1.);", "body = square(3, 3); addBody(movemesh(body, [x + 2., y]))"),
+     "body is set to another mesh", "rectangle"),
+    (("rectangle(0., 2., 0., 1.);", "body = square(3, 3); addBody(change(body, fregion = x > 0.5))"),
      "body is set to another mesh", "rectangle")])
 def test_what_would_be_left_out_in_silence(said, changes, words, place_of):
     message = said(changes, parameters={})
