@@ -594,6 +594,17 @@ def test_what_is_the_same_at_every_place_asks_for_none(said, macro, word):
         ("macro friction() F //", f"macro friction() F //\nmacro {macro} //"))
 
 
+@pytest.mark.parametrize("macro, word", [
+    ("young() (label == 1 ? 2e3 : 1e3)", "label"), ("bodyForce1() [0., N.y]", "N.y"),
+    ("thermal1() 1e-4*(label == 1)", "label"), ("piece() (label == 3)", "label")])
+def test_what_is_inside_a_body_asks_for_nothing_of_boundaries(said, macro, word):
+    """FreeFEM took one of the two numbers for the whole body."""
+    name = macro.partition("(")[0]
+    place_of = "macro young() 1000. //" if name == "young" else "macro friction() F //"
+    more = f"macro {macro} //" + ("" if name == "young" else f"\n{place_of}")
+    assert f"{name} asks for {word}, which boundaries alone have" in said((place_of, more))
+
+
 def test_what_histories_call_asks_for_no_place_either(said):
     words = said(("macro friction() F //", "macro friction() F //\n"
                   "macro ramp(t) (x > 0 ? t : 1.) //\nmacro amplitude1(t) ramp(t) //"))
