@@ -358,7 +358,8 @@ def test_a_law_of_slip_needs_a_range(said):
      "body is set to another mesh", "rectangle"),
     (("rectangle(0., 2., 0., 1.);", "body = square(3, 3); addBody(movemesh(body, [x + 2., y]))"),
      "body is set to another mesh", "rectangle"),
-    (("rectangle(0., 2., 0., 1.);", "body = square(3, 3); addBody(change(body, fregion = x > 0.5))"),
+    (("rectangle(0., 2., 0., 1.);",
+      "body = square(3, 3); addBody(change(body, fregion = x > 0.5))"),
      "body is set to another mesh", "rectangle")])
 def test_what_would_be_left_out_in_silence(said, changes, words, place_of):
     message = said(changes, parameters={})
