@@ -762,6 +762,26 @@ def test_contact_laws_that_ask_for_labels_without_contact_alone(tmp_path, law, w
     assert left == [line for line in said if ": friction asks" not in line]
 
 
+@pytest.mark.parametrize("law, words", [
+    ("gap() (label == 5 ? 0.1 : 0.)", "gap asks for label 5, where there is no contact with an "
+     "obstacle, and not for 1"),
+    ("obstacleX(t) (label == 5 ? t : 0.)", "obstacleX asks for label 5"),
+    ("pairGap() (label == 1 ? 0.1 : 0.)", "pairGap asks for label 1, where there is no contact of "
+     "a pair's first side, and not for 5"),
+    ("gap() (label == 1 ? 0.1 : 0.)", ""), ("pairGap() (label == 5 ? 0.1 : 0.)", ""),
+    ("cohesion() (label == 5 ? 0.1 : 0.)", "")])
+@pytest.mark.some(3)
+def test_gaps_of_obstacles_and_of_pairs_that_ask_for_one_anothers_labels(tmp_path, law, words):
+    path, text = tmp_path / "mine.edp", SCENE
+    for old, new in (*ABOVE, ("friction() F //", f"friction() F //\nmacro {law} //"),
+                     ("macro support() on(4, u1 = 0., u2 = 0.) //", "macro contact() 1 //")):
+        assert old in text
+        text = text.replace(old, new, 1)
+    path.write_text(text)
+    said = compared.asked_elsewhere(path, freefem.export(path, tmp_path / "export", {"steps": "2"}))
+    assert len(said) == bool(words) and words in "".join(said)
+
+
 def test_laws_that_ask_for_first_labels_and_loads_for_any(tmp_path):
     path, text = tmp_path / "mine.edp", SCENE
     for old, new in (*ABOVE, ("friction() F", "friction() (label == 3 || label == 5 ? F : 0.)"),
