@@ -13,6 +13,7 @@ from .manifest import Manifest
 # in code without blanks; numbers in sums and products are not judged
 COMPARED = re.compile(r"(?<![-+*/%.\w)\]])(?:(label|region)([!=])=(-?\d+)(?![-+*/%.\w])|"
                       r"(-?\d+)([!=])=(label|region)(?![-+*/%\w]))")
+SPRINGS = frozenset({"foundationNormal", "foundationTangential"})
 OF_OBSTACLES = re.compile(r"gap(InTime)?|obstacle\w+")  # no contact between bodies has these
 
 
@@ -46,7 +47,8 @@ def check(scene: Path, manifest: Manifest) -> None:
 
 
 def asked_elsewhere(scene: Path, manifest: Manifest) -> list[str]:
-    """A line for every contact law that asks for labels without contact, and for none that has it.
+    """A line for every contact law that asks for labels without contact, and for none that has it,
+    and likewise for the springs of a foundation.
 
     It has one value everywhere then. Who asks for one of these as well may have left others out:
     in any of the macros that a law calls, and by a name or an inequality, which is not judged.
@@ -56,7 +58,7 @@ def asked_elsewhere(scene: Path, manifest: Manifest) -> list[str]:
     declared = frozenset(name for room in rooms.rooms() if room.name in manifest.rooms
                          for macro in room.macros for name in macro.names)
     lines: dict[str, None] = {}
-    for law in {macro.name for macro in macros} & declared & rooms.of_contact():
+    for law in {macro.name for macro in macros} & declared & (rooms.of_contact() | SPRINGS):
         called = pitfalls.declaring(macros, frozenset([law]))
         parts = [macro for macro in macros if macro.name in called]
         asked = [number for macro in parts for number in _labels(macro, numbers)]
@@ -68,8 +70,10 @@ def asked_elsewhere(scene: Path, manifest: Manifest) -> list[str]:
 
 
 def _acting(law: str, manifest: Manifest) -> tuple[list[int], str]:
-    """The labels on which a contact law acts, and what there is on them, in words."""
+    """The labels on which a law acts, and what there is on them, in words."""
     firsts = [first for first, _ in manifest.contact_pairs]
+    if law in SPRINGS:
+        return manifest.rooms["springs"].get("labels", []), "foundation"
     if law == "pairGap":
         return firsts, "contact of a pair's first side"
     if firsts and OF_OBSTACLES.fullmatch(law):
