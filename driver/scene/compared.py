@@ -13,6 +13,8 @@ from .manifest import Manifest
 # in code without blanks; numbers in sums and products are not judged
 COMPARED = re.compile(r"(?<![-+*/%.\w)\]])(?:(label|region)([!=])=(-?\d+)(?![-+*/%.\w])|"
                       r"(-?\d+)([!=])=(label|region)(?![-+*/%\w]))")
+SPRINGS = frozenset({"foundationNormal", "foundationTangential"})
+OF_OBSTACLES = re.compile(r"gap(InTime)?|obstacle\w+")  # no contact between bodies has these
 
 
 def check(scene: Path, manifest: Manifest) -> None:
@@ -45,30 +47,45 @@ def check(scene: Path, manifest: Manifest) -> None:
 
 
 def asked_elsewhere(scene: Path, manifest: Manifest) -> list[str]:
-    """A line for every contact law that asks for labels without contact, and for none that has it.
+    """A line for every contact law that asks for labels without contact, and for none that has it,
+    and likewise for the springs of a foundation.
 
     It has one value everywhere then. Who asks for one of these as well may have left others out:
     in any of the macros that a law calls, and by a name or an inequality, which is not judged.
     """
     macros = pitfalls.macros_of(grammar.sources(scene))
-    own, numbers = manifest.contact_labels, _named(scene)
+    numbers = _named(scene)
     declared = frozenset(name for room in rooms.rooms() if room.name in manifest.rooms
                          for macro in room.macros for name in macro.names)
     lines: dict[str, None] = {}
-    for law in {macro.name for macro in macros} & declared & rooms.of_contact():
+    for law in {macro.name for macro in macros} & declared & (rooms.of_contact() | SPRINGS):
         called = pitfalls.declaring(macros, frozenset([law]))
         parts = [macro for macro in macros if macro.name in called]
         asked = [number for macro in parts for number in _labels(macro, numbers)]
+        own, contact = _acting(law, manifest)
         if own and None not in asked and not set(asked) & set(own):
-            lines |= {_elsewhere(macro, labels[0], own): None for macro in parts
+            lines |= {_elsewhere(macro, labels[0], own, contact): None for macro in parts
                       if (labels := _labels(macro, numbers))}
     return sorted(lines)
 
 
-def _elsewhere(macro: grammar.Definition, label: int, own: list[int]) -> str:
-    """What a macro that asks for the `label` alone is told; `own` labels have contact."""
+def _acting(law: str, manifest: Manifest) -> tuple[list[int], str]:
+    """The labels on which a law acts, and what there is on them, in words."""
+    firsts = [first for first, _ in manifest.contact_pairs]
+    if law in SPRINGS:
+        return manifest.rooms["springs"].get("labels", []), "foundation"
+    if law == "pairGap":
+        return firsts, "contact of a pair's first side"
+    if firsts and OF_OBSTACLES.fullmatch(law):
+        return ([label for label in manifest.contact_labels if label not in firsts],
+                "contact with an obstacle")
+    return manifest.contact_labels, "contact"
+
+
+def _elsewhere(macro: grammar.Definition, label: int, own: list[int], contact: str) -> str:
+    """What a macro that asks for the `label` alone is told; `own` labels have such `contact`."""
     return (f"{macro.path.name} line {macro.line}: {macro.name} asks for label {label}, where "
-            f"there is no contact, and not for {', '.join(map(str, own))}, where it is: what it "
+            f"there is no {contact}, and not for {', '.join(map(str, own))}, where it is: what it "
             f"says of label {label} counts nowhere")
 
 

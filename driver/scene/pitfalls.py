@@ -1,10 +1,10 @@
 """Mistakes of writing that FreeFEM takes for something else, without a word.
 
 One = in place of two, a < b < c, label == 3 || 4, an integer for a parameter that has decimals,
-an option for one of two names that capitals alone tell apart, x in a history, a load's integral
-over a mesh of the scene, a number's over that of a subdomain, no for what any content declares,
-an obstacle that calls functions of the place at hand, numbers of triangles, random ones: what is
-declared would have other values than those that were meant.
+an option for one of two names that capitals alone tell apart, x in a history, the label inside a
+body, a load's integral over a mesh of the scene, a number's over that of a subdomain, no for what
+any content declares, an obstacle that calls functions of the place at hand, numbers of triangles,
+random ones: what is declared would have other values than those that were meant.
 """
 
 import re
@@ -21,6 +21,9 @@ STREAM = re.compile("<<|>>")
 # what has one value, or one list, whatever the place, at which x and y would be left from before
 PLACELESS = re.compile(r"amplitude\d|(slip|displacement)Factor|stepTimes|cycles|cycleStart|"
                        r"point(Load\d|Spring)|probePoints")
+# what is asked for inside a body, where FreeFEM has some number for what boundaries alone have
+INSIDE = re.compile(r"young|poisson|c[1-3][1-3]|(bodyForce|thermal)\d|piece")
+OF_BOUNDARIES = re.compile(r"(?<![.\w])(?:label\b(?!\()|N\.[xyz]\b)")
 PLACE = re.compile(r"(?<![.\w])(?:(?:x|y|label|region)\b(?!\()|[NP]\.[xy]\b)")
 # evaluated beside the place at hand: for slopes, where the obstacle has moved, on a grid
 SHAPES = frozenset({"obstacle", "obstacleInTime"})
@@ -57,6 +60,7 @@ def check(scene: Path, parameters: dict[str, str]) -> None:
     placeless = declaring(bare, frozenset(filter(PLACELESS.fullmatch, rooms.vocabulary())))
     switches = {macro.name for macro in rooms.all_macros() if macro.text.startswith("any content")}
     loads = declaring(macros, frozenset(filter(LOAD.fullmatch, rooms.vocabulary())))
+    inside = declaring(bare, frozenset(filter(INSIDE.fullmatch, rooms.vocabulary())))
     shapes = declaring(bare, SHAPES)
     for macro in macros:
         reason = _mistake(macro.content) if macro.name in named else ""
@@ -69,6 +73,7 @@ def check(scene: Path, parameters: dict[str, str]) -> None:
     for own in bare:
         _refuse(own, own.name in reached and _unsteady(own)
                 or own.name in placeless and _misplaced(own)
+                or own.name in inside and _bounded(own)
                 or own.name in shapes and _stays(own))
 
 
@@ -149,6 +154,13 @@ def _misplaced(macro: grammar.Definition) -> str:
     asked = _asked(macro, PLACE)
     return asked and (f"asks for {asked}, but is the same at every place: what varies with it "
                       "belongs into the load or the coefficient itself")
+
+
+def _bounded(macro: grammar.Definition) -> str:
+    """What a macro that is asked for inside a body takes of boundaries, arguments apart."""
+    asked = _asked(macro, OF_BOUNDARIES)
+    return asked and (f"asks for {asked}, which boundaries alone have, and is asked for inside a "
+                      "body: parts of one differ by region, or by x and y")
 
 
 def _asked(macro: grammar.Definition, words: re.Pattern) -> str:

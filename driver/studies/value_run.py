@@ -66,6 +66,9 @@ def solve(problem, settings: Settings, near: np.ndarray | None,
     shares, place = label_shares(operator.structure)[1], _place(contact)
     follows = contact.following is not None
     record = Record(operator, solver) if follows else _Fields(solver, law, prescribed)
+    # without friction there are no rows that tell how nodes slide
+    told = follows or solver.effects.frictional
+    untold = {} if told else dict.fromkeys(("u_t", "slip"), np.full(len(contact.gid), np.nan))
 
     def add(step) -> None:
         nonlocal fields, place
@@ -74,11 +77,12 @@ def solve(problem, settings: Settings, near: np.ndarray | None,
         else:
             fields = record.add(step)
         bare = less_wear(fields)
-        row = _quantities(*place, shares, bare)
+        row = _quantities(*place, shares, bare | untold)
         if WEAR in fields:
             row["worn_volume"] = float(fields[WEAR] @ contact.weight)
         dissipated = float(friction.add(step.time, bare, fields["gap"]).sum())
         dissipated += history[-1]["dissipated"] if history else 0.0
+        fields |= untold
         history.append({"step": step.index, "time": step.time, **row, "dissipated": dissipated,
                         "fixed_point_iterations": step.fixed_point_iterations,
                         "dual_multiplications": step.products, "kkt": max(step.residuals.values())})

@@ -302,6 +302,8 @@ def test_names_of_freefem_are_what_the_library_has_undeclared():
     ("-10.)", "1./0.)", "load1"), ("-10.)", "1e400)", "load1"), ("-10.)", "sqrt(-x - 1))", "load1"),
     ("amplitude1(t) t", "amplitude1(t) sqrt(t - 0.5)", "amplitude1"),
     ("amplitude1(t) t", "amplitude1(t) 1./(t - 0.5)", "amplitude1"),
+    ("amplitude1(t) t", "amplitude1(t) (t > 0.76 && t < 0.99 ? 1e400 : t)",
+     "amplitude1 is no finite number at the time 0.7"),  # between steps
     ("young() 1000.", "young() 0./0.", "young"), ("young() 1000.", "young() 1e400", "young"),
     ("poisson() 0.3", "poisson() 0.5", "region 0: of a material that keeps its volume take 0.4999"),
     ("poisson() 0.3", "poisson() 0.51", "poisson = 0.51 is not between -1 and 0.5 in region 0"),
@@ -354,6 +356,11 @@ def test_a_law_of_slip_needs_a_range(said):
      "body is set to another mesh, which would be left out: give each body by addBody(mesh)",
      "rectangle"),
     (("rectangle(0., 2., 0., 1.);", "body = square(3, 3); addBody(square(3, 3, [2*x, y]))"),
+     "body is set to another mesh", "rectangle"),
+    (("rectangle(0., 2., 0., 1.);", "body = square(3, 3); addBody(movemesh(body, [x + 2., y]))"),
+     "body is set to another mesh", "rectangle"),
+    (("rectangle(0., 2., 0., 1.);",
+      "body = square(3, 3); addBody(change(body, fregion = x > 0.5))"),
      "body is set to another mesh", "rectangle")])
 def test_what_would_be_left_out_in_silence(said, changes, words, place_of):
     message = said(changes, parameters={})
@@ -589,6 +596,17 @@ def test_what_is_the_same_at_every_place_asks_for_none(said, macro, word):
         ("macro friction() F //", f"macro friction() F //\nmacro {macro} //"))
 
 
+@pytest.mark.parametrize("macro, word", [
+    ("young() (label == 1 ? 2e3 : 1e3)", "label"), ("bodyForce1() [0., N.y]", "N.y"),
+    ("thermal1() 1e-4*(label == 1)", "label"), ("piece() (label == 3)", "label")])
+def test_what_is_inside_a_body_asks_for_nothing_of_boundaries(said, macro, word):
+    """FreeFEM took one of the two numbers for the whole body."""
+    name = macro.partition("(")[0]
+    place_of = "macro young() 1000. //" if name == "young" else "macro friction() F //"
+    more = f"macro {macro} //" + ("" if name == "young" else f"\n{place_of}")
+    assert f"{name} asks for {word}, which boundaries alone have" in said((place_of, more))
+
+
 def test_what_histories_call_asks_for_no_place_either(said):
     words = said(("macro friction() F //", "macro friction() F //\n"
                   "macro ramp(t) (x > 0 ? t : 1.) //\nmacro amplitude1(t) ramp(t) //"))
@@ -726,6 +744,10 @@ def test_contact_laws_that_ask_for_a_second_label(said, law, words):
     ("friction() F //\nmacro glued() (2 == label) //\nmacro cohesion() (glued ? 0.3 : 0.)",
      "glued asks for label 2, where there is no"),
     ("friction() F //\nmacro gap() (label == 2 || label == 3 ? 0.1 : 0.)", "gap asks for label 2"),
+    ("friction() F //\nmacro foundation() 2 //\nmacro foundationNormal() (label == 1 ? 9. : 0.)",
+     "foundationNormal asks for label 1, where there is no foundation, and not for 2"),
+    ("friction() F //\nmacro foundation() 2 //\nmacro foundationNormal() (label == 2 ? 9. : 0.)",
+     ""),
     ("friction() (label == 1 ? 0.1 : (label == 2 ? 0.2 : 0.))", ""),
     ("friction() (label != 2 ? 0.1 : 0.)", ""),
     ("friction() (label == bottom ? 0.1 : (label == 3 ? 0.2 : 0.)) //\nint bottom = 1; //", ""),
@@ -743,6 +765,26 @@ def test_contact_laws_that_ask_for_labels_without_contact_alone(tmp_path, law, w
     del manifest.rooms["friction"]  # as where it is left out: then nobody reads it
     left = compared.asked_elsewhere(path, manifest)
     assert left == [line for line in said if ": friction asks" not in line]
+
+
+@pytest.mark.parametrize("law, words", [
+    ("gap() (label == 5 ? 0.1 : 0.)", "gap asks for label 5, where there is no contact with an "
+     "obstacle, and not for 1"),
+    ("obstacleX(t) (label == 5 ? t : 0.)", "obstacleX asks for label 5"),
+    ("pairGap() (label == 1 ? 0.1 : 0.)", "pairGap asks for label 1, where there is no contact of "
+     "a pair's first side, and not for 5"),
+    ("gap() (label == 1 ? 0.1 : 0.)", ""), ("pairGap() (label == 5 ? 0.1 : 0.)", ""),
+    ("cohesion() (label == 5 ? 0.1 : 0.)", "")])
+@pytest.mark.some(3)
+def test_gaps_of_obstacles_and_of_pairs_that_ask_for_one_anothers_labels(tmp_path, law, words):
+    path, text = tmp_path / "mine.edp", SCENE
+    for old, new in (*ABOVE, ("friction() F //", f"friction() F //\nmacro {law} //"),
+                     ("macro support() on(4, u1 = 0., u2 = 0.) //", "macro contact() 1 //")):
+        assert old in text
+        text = text.replace(old, new, 1)
+    path.write_text(text)
+    said = compared.asked_elsewhere(path, freefem.export(path, tmp_path / "export", {"steps": "2"}))
+    assert len(said) == bool(words) and words in "".join(said)
 
 
 def test_laws_that_ask_for_first_labels_and_loads_for_any(tmp_path):
