@@ -190,7 +190,7 @@ class Caution:
         """
         most = self.order(touches, ratios)
         return exceeded(part, value, peaks, ratios,
-                        formal_order("mesh", self.element, WAY, most=most))
+                        formal_order("mesh", self.element, WAY, most=most), self.energy)
 
     def order(self, touches: list[Touch], ratios: list[float], of=sharp_ends.order) -> float:
         """Order that ends of contact and tips of cracks leave functionals at most.
