@@ -14,6 +14,7 @@ from .contact_edges import NODES, chains, contact_length
 from .quantities import (REPEATS, farthest_node, largest_pressure, of_moment, peak_nodes,
                          quantities, singular_places)
 from .shares import label_shares
+from .smooth_ends import smooth_ends
 from .touch import Touch, of_arrivals, slid_on_arrival
 
 ROUND = 1e-6  # change of normals along a boundary that is not straight
@@ -35,6 +36,9 @@ class Record:
         self.operator, self.effects = operator, solver.effects
         self.contact = ContactState(operator, solver)
         self.labels, self.shares = label_shares(operator.structure)
+        # (n_c,) which end their boundary where the outline goes on
+        self.smooth_end = smooth_ends(operator.structure, {
+            name: getattr(self.contact.boundary, name) for name in NODES}, operator.comm)
         more = [] if self.contact.worn is None else [WEAR]
         # one array (n_c,) a step, gap besides
         self.states = {name: [] for name in (*ContactField, *more)}
@@ -222,7 +226,7 @@ class Record:
     def nodes(self) -> dict:
         """Columns of the nodes, as quantities.py takes them."""
         return ({name: getattr(self.contact.boundary, name) for name in NODES}
-                | {"shares": self.shares})
+                | {"shares": self.shares, "smooth_end": self.smooth_end})
 
     def _columns(self, which: slice = slice(None)) -> tuple[dict, dict]:
         """Columns of the nodes and of the steps, or some of them, as quantities.py takes them."""
