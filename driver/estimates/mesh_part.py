@@ -10,6 +10,7 @@ from . import soundness, unresolved
 from .budget import Part
 from .caution import Caution
 from .given import by_loads
+from .one_way import one_way, with_other_way
 from .polygons import stand_for_curves
 
 
@@ -25,7 +26,7 @@ class MeshPart:
         self.touch, self.singular = record.touch(at), record.singular_places()
         self.loads = by_loads(problem.operator, record, self.values, at)
         (sizes, said), error = adjoints, unresolved.energy_error(energy)
-        smoothed = said.get("smoothed")
+        smoothed, self.adjoint = said.get("smoothed"), bool(sizes)
         self.caution = Caution.of(problem, self.touch, sizes, error, adapted,
                                   stand_for_curves(problem),
                                   unresolved.seen(energy, smoothed, at + 1), self.loads.anywhere)
@@ -44,6 +45,9 @@ class MeshPart:
         touches, values = [self.touch, *touches], self.values
         lost = [soundness.lost(problem) for problem in problems]
         found = self.caution.parts(values, pairs, ratios, self.singular, touches, lost)
+        if not (self.caution.adapted or self.adjoint) and one_way(problems, ratios):
+            given = unresolved.of_loads(values, found, self.loads)
+            found = with_other_way(found, values, self.caution.energy, given)
         if pairs:
             found["displacement"] = self.caution.beside(
                 found["displacement"], values["displacement"], peaks, touches, ratios)
