@@ -40,6 +40,25 @@ class ClampedContact:
 
 
 @dataclass
+class HeldInPairs:
+    """Nodes between bodies that supports hold along their normal: without contact condition.
+
+    Arrays of length m; `gap` before any load, `other` the label that they meet, -1 if there are
+    several. What they meet moves from them by the sum of value_k u(gid_k) over the terms k with
+    node_k = i (held.py).
+    """
+
+    label: np.ndarray
+    other: np.ndarray
+    xy: np.ndarray
+    normal: np.ndarray
+    gap: np.ndarray
+    term_node: np.ndarray
+    term_gid: np.ndarray
+    term_value: np.ndarray
+
+
+@dataclass
 class Configuration:
     """Displacements u (k, 2) of the vertices `gid` (k,), about which pairs are linearized."""
 
@@ -88,6 +107,7 @@ class ContactBoundary:
     tangential_row: np.ndarray
     edges: np.ndarray  # (e, 2), on rigid obstacles
     clamped: ClampedContact
+    held: HeldInPairs | None = None  # None: no node of a pair is
     corners: np.ndarray = field(default_factory=lambda: np.empty((0, 4), int))
     about: Configuration | None = None  # of pairs; None: the initial geometry
     axisymmetric: bool = False

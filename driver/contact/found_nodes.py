@@ -7,7 +7,7 @@ import numpy as np
 from ..errors import InputError
 from ..feti.gathering import gather
 from ..feti.supports import held_nodes
-from .boundary import ClampedContact, ContactBoundary
+from .boundary import ClampedContact, ContactBoundary, HeldInPairs
 from .chains import chains
 from .nodes import contact_table, merge_parts
 
@@ -126,7 +126,7 @@ class FoundNodes:
         of = self._measured(gap, motion, normal)
         row, other, value = of.rows
         rigid, whole, full = ~self.paired[row], of.weight.copy(), of.length.copy()
-        guided, lost, terms = self._coupled(of, motion, sides, following)
+        guided, lost, terms, behind = self._coupled(of, motion, sides, following)
         if following is not None:
             if following.lost is None:
                 following.lost = lost
@@ -139,7 +139,7 @@ class FoundNodes:
         terms.insert(0, tuple(column[rigid] for column in own))
         terms = [np.concatenate(column) for column in zip(*terms)]
         return replace(self._assembled(of, motion, guided, terms), about=sides and sides.about,
-                       following=following)
+                       following=following, held=self._held(of.normal, behind))
 
     def _measured(self, gap: np.ndarray, motion, normal: np.ndarray | None) -> Measured:
         """See Measured; `motion` gets the gaps of the conditions. Arguments as of `boundary`."""
@@ -168,14 +168,15 @@ class FoundNodes:
 
     def _coupled(self, of: Measured, motion, sides, following) -> tuple:
         """Which nodes are guided and which have no condition (n,) each, and the terms of the jump,
-        a tuple a boundary, by contact nodes (see pair_sides.Coupled); `of` and `motion` become what
-        pairs have. Arguments as of `boundary`.
+        a tuple a boundary, by contact nodes (see pair_sides.Coupled), and likewise what nodes that
+        supports hold are behind of; `of` and `motion` become what pairs have. Arguments as of
+        `boundary`.
         """
         nodes, n = self.nodes, len(self.nodes.gid)
         _, vertex, count = np.unique(nodes.gid[self.paired], return_inverse=True,
                                      return_counts=True)
         rubs = np.zeros(n, bool) if self.rubs is None else self.rubs
-        guided, terms = np.isin(nodes.gid, self.fixed[0] // 2), []
+        guided, terms, behind = np.isin(nodes.gid, self.fixed[0] // 2), [], []
         twin, lost = np.zeros((2, n), bool)
         twin[self.paired] = count[vertex] > 1
         for k, pairs in enumerate(nodes.meeting):
@@ -187,12 +188,29 @@ class FoundNodes:
             of.weight[here], of.length[here], of.normal[here] = (found.weight, found.length,
                                                                  found.normal)
             guided[here], lost[here] = found.guided, found.lost
+            if found.behind is not None:
+                node, *term, away = found.behind
+                behind.append((here[node], *term, here, of.gap[here] + away))
             of.gap[here] += found.gap
             if motion is not None:
                 motion.gap[:, here] = of.gap[here]
             node, *term = found.terms
             terms.append((here[node], *term))
-        return guided, lost, terms
+        return guided, lost, terms, behind
+
+    def _held(self, normal: np.ndarray, behind: list) -> HeldInPairs | None:
+        """The nodes of pairs that supports hold along their `normal` (n, 2), as of `_coupled`."""
+        if not behind:
+            return None
+        node, gid, value, here, away = (np.concatenate(column) for column in zip(*behind))
+        nodes, own = self.nodes, here[~np.isnan(away)]
+        met = [[two for one, two in nodes.meeting[nodes.family[k] - 1] if one == nodes.label[k]]
+               for k in own]
+        other = [labels[0] if len(labels) == 1 else -1 for labels in met]
+        position = np.full(len(nodes.gid), -1)
+        position[own] = np.arange(len(own))
+        return HeldInPairs(nodes.label[own], np.array(other, int), nodes.xy[own], normal[own],
+                           away[~np.isnan(away)], position[node], gid, value)
 
     def _assembled(self, of: Measured, motion, guided: np.ndarray, terms: list):
         """The boundary of the nodes that are used, in the order along the outline."""

@@ -39,7 +39,7 @@ def lost_and_guided(first, second, gids: tuple, fixed_keys: np.ndarray, normal: 
     lost, guided = np.zeros((2, len(own)), bool)
     if not np.isin(own, fixed_keys // 2).any():
         return lost, guided
-    node, of, value = mortar.met_at_nodes(first, second, able, reach)
+    node, of, value, _ = mortar.met_at_nodes(first, second, able, reach)
     node, of = (column[np.abs(value) > LEAST_SHARE] for column in (node, of))
 
     def meets(which: np.ndarray) -> np.ndarray:
@@ -53,6 +53,21 @@ def lost_and_guided(first, second, gids: tuple, fixed_keys: np.ndarray, normal: 
         held, theirs = (np.isin(2 * gid + component, fixed_keys) for gid in (own, others))
         guided |= held & meets(theirs[of]) & ~meets(~theirs[of])
     return lost, guided
+
+
+def met_by(first, second, which: np.ndarray, able: np.ndarray,
+           reach: float | None) -> tuple[np.ndarray, ...]:
+    """What those nodes of the side `first` meet that are `which` (n,): node, node of `second` and
+    the part that it has in the place met, (terms,) each; and distances (n,) along the normal, inf
+    where they face nothing, NaN of other nodes. `able` and `reach` as of mortar.couple.
+    """
+    node, of, value, distance = mortar.met_at_nodes(first, second, able, reach)
+    node, of, value, distance = (each[which[node]] for each in (node, of, value, distance))
+    times = np.bincount(node, value, len(which))  # a vertex is met from both its edges
+    value = value / times[node]
+    away = np.bincount(node, value * distance, len(which))
+    away = np.where(times > 0, away, np.inf)
+    return node, of, value, np.where(which, away, np.nan)
 
 
 def check_passed_on(first, labels: np.ndarray, lost: np.ndarray, held: np.ndarray, pairs: list,

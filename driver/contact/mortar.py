@@ -177,19 +177,21 @@ def _at_corners(corner: np.ndarray, first: Side, normal: np.ndarray, second: Sid
 
 
 def met_at_nodes(first: Side, second: Side, able: np.ndarray | None = None,
-                 reach: float | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What the places of the first side's nodes meet: (node, node of the second side, value).
+                 reach: float | None = None) -> tuple[np.ndarray, ...]:
+    """What the places of the first side's nodes meet: (node, node of the second side, value,
+    distance along the normal).
 
     Values of the shape functions of the second side's edge there; none of nodes that face nothing.
     """
     normal = first.nodal_normals()
     e, o, start, stop = facing_parts(first, normal, second, able, reach)
-    found = [(np.empty(0, int), np.empty(0, int), np.empty(0))]
+    found = [(np.empty(0, int), np.empty(0, int), np.empty(0), np.empty(0))]
     for k, place in enumerate((0.0, 1.0, 0.5)[: first.edges.shape[1]]):
         here = (start - SLIVER <= place) & (place <= stop + SLIVER)
-        eta, *_ = project(first, normal, second, e[here], o[here], np.full(here.sum(), place))
+        eta, distance, _ = project(first, normal, second, e[here], o[here],
+                                   np.full(here.sum(), place))
         for corner, value in enumerate(_shapes(second.edges.shape[1], eta)):
-            found.append((first.edges[e[here], k], second.edges[o[here], corner], value))
+            found.append((first.edges[e[here], k], second.edges[o[here], corner], value, distance))
     return tuple(np.concatenate(column) for column in zip(*found))
 
 

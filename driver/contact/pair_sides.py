@@ -8,12 +8,12 @@ import numpy as np
 from ..errors import InputError
 from ..feti.edges import edge_labels, outward_edges
 from ..feti.gathering import gather
-from ..feti.supports import held_nodes
+from ..feti.supports import free_along, held_nodes
 from ..scene.loader import Subdomain
 from . import mortar
 from .boundary import Configuration
 from .found_nodes import Meeting
-from .held import check_passed_on, lost_and_guided
+from .held import check_passed_on, lost_and_guided, met_by
 from .shared_labels import of_pairs
 from .side import Side, before_flanks, rises, sagitta, split
 
@@ -23,7 +23,7 @@ class Coupled:
     """What they meet: `weight` and `length` (n,) of what faces them, `normal` (n, 2), `gap` (n,),
     `guided` (n,) which of them carry pressure and no friction and `lost` (n,) which have no
     condition (held.py), and the `terms` of the jump, one for every node of either side: contact
-    node, gid, coefficient, whether it is the other side's, (terms,) each.
+    node, gid, coefficient, whether it is the other side's, (terms,) each. `behind` as of _behind.
     """
 
     weight: np.ndarray
@@ -33,6 +33,7 @@ class Coupled:
     guided: np.ndarray
     lost: np.ndarray
     terms: tuple[np.ndarray, ...]
+    behind: tuple[np.ndarray, ...] | None = None
 
 
 class PairSides:
@@ -122,6 +123,8 @@ class PairSides:
             held = held_nodes(gids, self.fixed[0]) | tip | lost
             both = np.isin(self.fixed[0] // 2, others).any()
             check_passed_on(first, one, lost, held, pairs, both)
+            stands = lost & ~free_along(gids, normal, self.fixed[0])
+            behind = met_by(first, second, stands, able, within) if stands.any() else None
             pair = mortar.couple(first, second, held, able, within, sharp if sharp.any() else None)
         met = np.isin(second.edges[:, :2], pair.of[pair.side == 1]).all(axis=1)
         missed = _missed(pairs, two[met]) if pair.weight.any() else pairs
@@ -141,7 +144,29 @@ class PairSides:
             gap = gap + np.bincount(pair.node, jump, minlength=len(gap))
         terms = position[pair.node], node_gid, pair.value, pair.side == 1
         return Coupled(pair.weight[places], pair.length[places], pair.normal[places], gap[places],
-                       guided[places], lost[places], terms)
+                       guided[places], lost[places], terms,
+                       behind and self._behind(behind, gids, others, pair.normal, position))
+
+    def _behind(self, met: tuple, gids: np.ndarray, others: np.ndarray, normal: np.ndarray,
+                position: np.ndarray) -> tuple[np.ndarray, ...]:
+        """What nodes meet that supports hold along their normal, and that have no condition: terms
+        of the jump, contact node, gid and coefficient (terms,) each, and distances (nodes,) at
+        first, NaN of all others.
+
+        `met` as of held.met_by; `gids` and `others` of both sides' nodes, `position` (n,) the
+        contact nodes of the first one's.
+        """
+        node, of, value, away = met
+        own = np.flatnonzero(~np.isnan(away))
+        row, gid = np.append(own, node), np.append(gids[own], others[of])
+        value = np.append(np.ones(len(own)), -value)
+        if self.about is not None:
+            u = self.about.u[np.searchsorted(self.about.gid, gid)]
+            away = away + np.bincount(row, value * (normal[row] * u).sum(axis=1), len(away))
+        here = position >= 0
+        gap = np.full(np.count_nonzero(here), np.nan)
+        gap[position[here]] = away[here]
+        return position[row], gid, value, gap
 
     def _side(self, labels: tuple[int, ...], nodes: np.ndarray = np.zeros(0, int),
               facing: np.ndarray = np.zeros((0, 2)), moved: bool = True):

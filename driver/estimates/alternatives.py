@@ -19,6 +19,7 @@ from . import adaptivity, prices, refinement
 from .budget import Part, coarser, extrapolate, formal_order, ratio, vanishing
 from .caution import by_balance
 from .energy import EnergyEstimator
+from .free_peak import UNSEEN, Peaks
 from .jumps import Jumps
 from .prices import Adaptive, Costs, Measured, Quantity, Uniform, Whole
 
@@ -89,6 +90,7 @@ class Alternatives:
         everything = [run for runs in self.took.values() for run in runs]
         for kind in kinds:
             kind.costs = Costs(self.run, self.took[kind.name], self.took[own.name], everything)
+            kind.least = self.mesh.floor
         return kinds
 
     def _own(self) -> Uniform:
@@ -126,7 +128,9 @@ class Alternatives:
                            formal_order("mesh", element, self.name), values[0], True)
         self.took[element] = [run for size in sizes for run in self._measured(
             {self.knob: size}, self.stride, **changes)]
-        errors = [self._within(values[0], part.error, own)]
+        errors = [max(self._within(values[0], part.error, own), self._unseen(runs[sizes[0]]))]
+        if element == "P1":  # linear functions are quadratic ones, too: on no finer mesh, no better
+            errors[0] = max(errors[0], own.errors[0])
         for a, b in zip(values, values[1:]):
             errors.append(errors[-1] + abs(a - b))
         return Uniform(element, self.knob, sizes, errors,
@@ -146,6 +150,15 @@ class Alternatives:
         apart, bound = abs(value - self._value(base, self.stride) - finer), own.errors[0]
         return max(min(np.inf if error is None else error, apart + bound), apart)
 
+    def _unseen(self, level) -> float:
+        """What a companion leaves open of a displacement that a support prescribes, or of one that
+        is little more: all meshes agree on that.
+        """
+        if self.name != "displacement":
+            return 0.0
+        peaks = Peaks.of_level(level)
+        return UNSEEN * peaks.largest if peaks.largest <= (1 + UNSEEN) * peaks.held else 0.0
+
     def _refined(self, own: Uniform) -> Adaptive | None:
         """Adaptive meshes, from the coarsest mesh of the run's kind."""
         start = self.companions.meshes[len(own.sizes) - 1]
@@ -158,7 +171,7 @@ class Alternatives:
         unknowns = self._unknowns(**refined)
         self.took["ADAPT"] = [Measured(unknowns, level.declared, {
             **self.levels.spent[tuple(refined.items())], "solve": level.seconds})]
-        first = self._within(level.values[self.name], None, own)
+        first = max(self._within(level.values[self.name], None, own), self._unseen(level))
         degree = element_kinds.DEGREE[self.manifest.element]
         settings = {self.knob.upper(): f"{float(own.sizes[-1]):g}", **own.words}
         return Adaptive("ADAPT", settings, [own.errors[-1], first],
@@ -199,7 +212,7 @@ class Alternatives:
         words = {} if self.manifest.element == "P1" else {"ELEMENT": self.manifest.element}
         return [Adaptive("ADAPT", {self.knob.upper(): f"{float(size):g}", **words},
                          [errors[0]] * known + errors, [*unknowns, self._unknowns()],
-                         self.mesh.rate, Costs(self.run, [], [], []))]
+                         self.mesh.rate, Costs(self.run, [], [], []), self.mesh.floor)]
 
     # ---- the other parts -------------------------------------------------------------------------
     def quantity(self, value: float) -> Quantity:
@@ -243,6 +256,9 @@ def price_list(companions, parts: dict, budget: dict, name: str, run: Measured, 
         wrong = [q for q in other if errors[q]]  # contact all along a boundary is exact
         name = next(iter(wrong or other or known or budget))
     head = {"quantity": name, "value": values[name], "error": errors[name], "lines": []}
+    floor = parts["mesh"][name].floor if parts else 0.0
+    if floor and values[name]:
+        head["least"] = floor / abs(values[name])
     words = name.replace("_", " ")
     if errors[name] is None:
         return head | {"reason": f"the error of the {words} is not known"}

@@ -95,13 +95,15 @@ def main_quantity(values: dict) -> str:
 class Part:
     """Error (None: unknown), observed order (None: not observed) and what may be wrong.
 
-    `rate`: the order at which the error is expected to fall further.
+    `rate`: the order at which the error is expected to fall further, `floor`: what is claimed on
+    any mesh.
     """
 
     error: float | None
     order: float | None = None
     note: str = ""
     rate: float = 1.0
+    floor: float = 0.0
 
 
 def observed_order(d1: float, d2: float, r: float, s: float) -> float:

@@ -8,14 +8,14 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
   integrals one that is too slow to be theirs;
 - where the error in the energy norm is large: so many of the coarser meshes are far from the limit,
   and the largest displacement may err by its square;
-- where no adjoint problem holds resultants and displacements: the second order of two meshes of
-  quadratic elements or of two cycles is then not taken for granted, and two meshes alone say
+- where no adjoint problem holds resultants, displacements and slip: the second order of two meshes
+  of quadratic elements or of two cycles is then not taken for granted, and two meshes alone say
   nothing of shear, which has either sign and agrees by chance, unless all that touches slides one
   way on both: it is friction's part of the pressing force then;
 - for shear on a body that is pressed, if no adjoint problem holds it: it is not claimed to less
   than a part of the pressing force times the square of the error in energy, as both errors of a
   functional would be, since it may vanish by a symmetry of no mesh; none where meshes agree but for
-  tolerances, as balance gives it;
+  tolerances, as balance gives it. So it is for the pressing force of two meshes;
 - where pressure grows from mesh to mesh at an end of contact: the order of integrals, of slip and
   of the contact length is at most what such stresses leave (sharp_ends.py), however fast coarse
   meshes seem to converge, of slip that is largest there half of it; that, the work of friction and
@@ -83,7 +83,7 @@ BETWEEN = 1.75
 # linear elements err by at most, whose errors in energy are bounded
 COMPLIANCE = 0.65
 LIGHT = 0.25  # of the relative error in energy, and of the mean pressure
-SHEAR = 0.25  # of the square of the relative error in energy times the pressing force
+SHEAR = 0.25  # of the square of the relative error in energy times the pressing force: functionals
 BALANCE = 1e-5  # of the pressing force: what tolerances leave of forces that loads give
 LONE = 0.1  # of the pressing force in areas of contact of a node or two: it acts where a node is
 PRESSING = 3  # nodes that press on a round boundary: fewer have but one normal
@@ -177,6 +177,8 @@ class Caution:
             parts[LENGTH] = self._ended(parts[LENGTH], parts[WAY].error, _shape(touches, ratios))
             parts[LENGTH] = self._between(parts[LENGTH], changes[LENGTH])
             parts[LENGTH] = located(parts[LENGTH], self.touch.lighter(LIGHT * self.energy))
+        if len(runs) == 1 and FORCE in parts:
+            parts[FORCE] = self._of_two(parts[FORCE], changes[FORCE][0], abs(values[FORCE]))
         if SHEAR_FORCE in values:
             parts[SHEAR_FORCE] = self._shear(values, changes, parts)
         if WORK in values and _unsure(values, parts):
@@ -190,7 +192,7 @@ class Caution:
         """
         most = self.order(touches, ratios)
         return exceeded(part, value, peaks, ratios,
-                        formal_order("mesh", self.element, WAY, most=most))
+                        formal_order("mesh", self.element, WAY, most=most), self.energy)
 
     def order(self, touches: list[Touch], ratios: list[float], of=sharp_ends.order) -> float:
         """Order that ends of contact and tips of cracks leave functionals at most.
@@ -249,6 +251,14 @@ class Caution:
         least = max(doubt if told else BETWEEN * doubt, (self.touch.open or {}).get(LENGTH, 0.0))
         return located(replace(part, error=error), least)
 
+    def _of_two(self, part: Part, change: float, force: float) -> Part:
+        """Part of the pressing force, which two meshes may agree on by chance: if no adjoint
+        problem holds it no less than both errors of a functional leave, unless balance gives it.
+        """
+        if self.sizes or FORCE in self.given or abs(change) <= BALANCE * force:
+            return part
+        return located(part, SHEAR * self.energy**2 * force)
+
     def _shear(self, values: dict, changes: dict, parts: dict) -> Part:
         """Part of the shear force, with what is open of it whatever coarser meshes say.
 
@@ -286,7 +296,7 @@ class Caution:
         if name in self.given:  # the error of the loads, which a polygon errs by at most
             return extrapolate(changes, ratios, formal_order("mesh", self.element, name,
                                                              self.chords), value, True, pair=FAST)
-        caution = quantity.caution if self.sizes or name not in HELD else SAFETY
+        caution = quantity.caution if self.sizes or name not in (*HELD, SLIP) else SAFETY
         estimated = np.isfinite(most)
         if estimated and (name in (WORK, LENGTH) or name == SLIP and self.touch.way_at_end):
             caution = SAFETY  # nodes beside a sharp end differ by far less than it errs

@@ -8,13 +8,19 @@ nodes with displacements that no neighbour exceeds, and which neither contact no
 prescribes. Beside a prescribed displacement all are lower, and come the nearer to it the finer the
 mesh is: they are none.
 
+What a support prescribes has no error, whatever meshes and adjoint problems say of a place beside
+it that moves by little more: the true largest displacement is that or more. It is more where
+another place moves by more. What a place moves by from the support is a sum of strains, which err
+by the error in energy: so much of its way from the support is added to the displacement of every
+place. Beyond that, and what is UNSEEN, no error is claimed.
+
 The largest displacement is that of a node. Where the outline goes on smoothly the true one may be
 at a place BETWEEN that node and the next, as under a round indenter: meshes differ by where their
 nodes lie, and adjoint problems are about the node. The parabola through the node and its two
 neighbours on the outline tells how much more that is.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -37,6 +43,10 @@ class Peaks:
     supported: float  # the largest that supports hold, or beside them, where it is little more
     free: np.ndarray  # (k, 4) peaks: place, size, extent of the elements around
     between: float = 0.0  # by how much the largest one may be more between nodes of the outline
+    held: float = 0.0  # the largest that supports prescribe
+    # (m, 2) of free nodes: size, and way from the largest that is prescribed; those alone that none
+    # exceeds in both
+    ways: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
 
     @classmethod
     def of(cls, operator, step, largest: float) -> "Peaks":
@@ -45,7 +55,7 @@ class Peaks:
         fields = operator.displacements(step.multipliers, step.weights)
         sizes = [np.linalg.norm(u.reshape(-1, 2), axis=1) for u in fields]
         return cls(largest, _supported(operator, sizes), _free(operator, sizes),
-                   _between(operator, sizes))
+                   _between(operator, sizes), *_from_support(operator, fields, sizes))
 
     @classmethod
     def of_level(cls, level) -> "Peaks":
@@ -57,6 +67,13 @@ class Peaks:
         """Whether no free place has the largest displacement."""
         return self.supported >= (1 - ROUNDING) * self.largest
 
+    def most(self, energy: float) -> float:
+        """What the largest one may err by at most, beside the largest that is prescribed, with a
+        relative error in `energy`.
+        """
+        beyond = (self.ways @ [1.0, energy] - self.held).max(initial=0.0)
+        return float(max(beyond, self.largest - self.held, UNSEEN * self.largest))
+
     def near(self, peak: np.ndarray) -> float | None:
         """Size of the peak within an element's extent of another mesh's `peak`, None without one.
         """
@@ -67,10 +84,13 @@ class Peaks:
 
 
 def exceeded(part: Part, value: float, pairs: list[tuple[Peaks, Peaks]], ratios: list[float],
-             formal: float) -> Part:
+             formal: float, energy: float = 0.0) -> Part:
     """The `part` of the largest displacement `value`, beside what places that are not it, or not
-    yet, may have on finer meshes; `pairs` as of `exceeding`, empty where none is known.
+    yet, may have on finer meshes; `pairs` as of `exceeding`, empty where none is known, `energy`
+    the relative error in it, 0 where that is not.
     """
+    if pairs and energy and part.error is not None:
+        part = replace(part, error=min(part.error, pairs[0][0].most(energy)))
     if pairs:
         part = located(part, exceeding(pairs, ratios, formal))
         if part.error is not None:
@@ -79,6 +99,8 @@ def exceeded(part: Part, value: float, pairs: list[tuple[Peaks, Peaks]], ratios:
     if unseen or part.error is not None and part.error <= ROUNDING * value:
         # that of a support: no mesh tells when a place between the supports moves by more
         part = located(part, UNSEEN * value)
+        if pairs and pairs[0][0].by_support:
+            part = replace(part, floor=UNSEEN * value)
     return part
 
 
@@ -165,6 +187,33 @@ def _supported(operator, sizes: list[np.ndarray]) -> float:
         prescribed = np.where(held[sub.elements], around, 0.0).max(axis=1, keepdims=True)
         found.append(around.max(initial=0.0, where=around <= (1 + UNSEEN) * prescribed))
     return float(max(operator.comm.allgather(max(found))))
+
+
+def _from_support(operator, fields: list[np.ndarray],
+                  sizes: list[np.ndarray]) -> tuple[float, np.ndarray]:
+    """The largest displacement of nodes held in both directions, zero without any, and the ways
+    (m, 2) from it, see Peaks; of `fields` (dofs,) by subdomain and their `sizes`.
+    """
+    structure, comm = operator.structure, operator.comm
+    subs, tops, ways = structure.subdomains, [(0.0, 0.0, 0.0)], [np.zeros((0, 2))]
+    held = [np.bincount(sub.dof_node[fixed], minlength=len(size)) == 2
+            for sub, fixed, size in zip(subs, structure.fixed, sizes)]
+    for u, own, size in zip(fields, held, sizes):
+        if own.any():
+            k = int(np.where(own, size, -1.0).argmax())
+            tops.append((float(size[k]), *u[2 * k:2 * k + 2].tolist()))
+    largest, *support = max(comm.allgather(max(tops)))
+    for u, own, size in zip(fields, held, sizes):
+        away = np.hypot(*(u.reshape(-1, 2) - support).T)
+        ways.append(_outermost(np.column_stack([size, away])[~own]))
+    return largest, _outermost(np.concatenate(comm.allgather(np.concatenate(ways))))
+
+
+def _outermost(pairs: np.ndarray) -> np.ndarray:
+    """Those of the `pairs` (n, 2) that no other one exceeds in both."""
+    pairs = pairs[np.argsort(-pairs[:, 0], kind="stable")]
+    before = np.maximum.accumulate(np.append(-1.0, pairs[:, 1]))[:-1]
+    return pairs[pairs[:, 1] > before]
 
 
 def _free(operator, sizes: list[np.ndarray]) -> np.ndarray:

@@ -19,6 +19,7 @@ from ..results.record import Record
 from ..results.relinearization import linearized
 from ..results.touch import Touch
 from ..scene import freefem
+from .mesh_counts import elements
 from .refinement import STEM
 
 
@@ -112,14 +113,8 @@ class Levels:
 
         Collective.
         """
-        fine, coarse = (self._elements(self.problem(**changes)) for changes in (mesh, other))
+        fine, coarse = (elements(self.problem(**changes)) for changes in (mesh, other))
         return all(many > few for many, few in zip(fine, coarse) if many)
-
-    def _elements(self, problem: Problem) -> np.ndarray:
-        """(2,) numbers of triangles, and of their sides with contact labels; collective."""
-        subs, labels = problem.structure.subdomains, problem.manifest.contact_labels
-        own = [(len(sub.triangles), np.isin(sub.edge_label, labels).sum()) for sub in subs]
-        return np.sum([count for part in self.comm.allgather(own) for count in part], axis=0)
 
     def _assemble(self, changes: dict) -> Problem:
         if "cycle" not in changes:

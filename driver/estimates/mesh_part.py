@@ -10,6 +10,8 @@ from . import soundness, unresolved
 from .budget import Part
 from .caution import Caution
 from .given import by_loads
+from .mesh_counts import contact_ratios
+from .one_way import one_way, with_other_way
 from .polygons import stand_for_curves
 
 
@@ -25,7 +27,7 @@ class MeshPart:
         self.touch, self.singular = record.touch(at), record.singular_places()
         self.loads = by_loads(problem.operator, record, self.values, at)
         (sizes, said), error = adjoints, unresolved.energy_error(energy)
-        smoothed = said.get("smoothed")
+        smoothed, self.adjoint = said.get("smoothed"), bool(sizes)
         self.caution = Caution.of(problem, self.touch, sizes, error, adapted,
                                   stand_for_curves(problem),
                                   unresolved.seen(energy, smoothed, at + 1), self.loads.anywhere)
@@ -37,13 +39,19 @@ class MeshPart:
            peaks: list, goal: str = "") -> dict[str, Part]:
         """Part by quantity, from `pairs` of values on a finer and a coarser mesh, finest first.
 
-        Elements of a mesh are `ratios` times as long as those of the one before; `problems` are
-        those of all meshes that count, `touches` as of Record of the coarser ones, `peaks` as
-        Caution.beside takes them. A `goal` that is searched for goes on from errors of any size.
+        Elements of a mesh are `ratios` times as long as those of the one before, by their sizes;
+        `problems` are those of all meshes that count, `touches` as of Record of the coarser ones,
+        `peaks` as Caution.beside takes them. A `goal` that is searched for goes on from errors of
+        any size.
         """
         touches, values = [self.touch, *touches], self.values
-        lost = [soundness.lost(problem) for problem in problems]
+        lost, sizes = [soundness.lost(problem) for problem in problems], ratios
+        if not self.caution.adapted:
+            ratios = contact_ratios(problems, ratios)
         found = self.caution.parts(values, pairs, ratios, self.singular, touches, lost)
+        if not (self.caution.adapted or self.adjoint) and one_way(problems, sizes):
+            given = unresolved.of_loads(values, found, self.loads)
+            found = with_other_way(found, values, self.caution.energy, given)
         if pairs:
             found["displacement"] = self.caution.beside(
                 found["displacement"], values["displacement"], peaks, touches, ratios)

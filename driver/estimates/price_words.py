@@ -22,7 +22,10 @@ def table(prices: dict) -> list[list[str]]:
     for entry in prices["lines"]:
         asked = f"{100 * entry['accuracy']:g} %"
         if "settings" not in entry:
-            row = [asked, f"more than {MOST / 1e6:g} million unknowns", "", "", "", ""]
+            said = f"more than {MOST / 1e6:g} million unknowns"
+            if entry["accuracy"] <= prices.get("least", 0.0):
+                said = "no mesh tells: others may exceed what the support prescribes"
+            row = [asked, said, "", "", "", ""]
             rows += [row] if rows[-1][1:] != row[1:] else []
             continue
         others = [f"{assignments(offer['settings'])}: {seconds(offer['seconds'])}"

@@ -6,10 +6,11 @@ linear and quadratic elements on uniform meshes (alternatives.py runs a coarse m
 kind that the run is not) and adaptive ones; the fastest is named first.
 
 error     that of the run times (size over its size)^p, p the order that its budget expects
-          (`Part.rate`); coarser settings are those that a companion has run: how far it is from the
-          run, and the error of the run. Of adaptive meshes a companion refined once by the error in
-          the energy norm tells the error, which falls like one over the number of triangles
-          (degree p: their p-th power) wherever the solution is singular
+          (`Part.rate`), nowhere less than what is claimed on any mesh (`Part.floor`); coarser
+          settings are those that a companion has run: how far it is from the run, and the error of
+          the run. Of adaptive meshes a companion refined once by the error in the energy norm tells
+          the error, which falls like one over the number of triangles (degree p: their p-th power)
+          wherever the solution is singular
 time      likewise: every second and fourth time by their companions, more by its order
 unknowns  a polynomial of 1/size through those of the run and its companions: a scene may set the
           sizes of elements along a line or in a part of the body alone; of other elements, whose
@@ -209,6 +210,7 @@ class Uniform:
     costs: Costs | None = None
     words: dict = field(default_factory=dict)  # further settings
     like: "Uniform | None" = None  # other elements, whose finer meshes were run
+    least: float = 0.0  # error on any mesh
 
     def count(self, size: float) -> float:
         """Unknowns at a size: those of the meshes that were run, else what they grow like."""
@@ -222,7 +224,9 @@ class Uniform:
     def meets(self, room: float) -> Choice | None:
         """The coarsest of the meshes whose error is at most `room`, None if out of reach."""
         finest, error = self.sizes[0], self.errors[0]
-        size, worst = None, 0.0
+        size, worst = None, self.least
+        if room < self.least:
+            return None
         for known, own in zip(self.sizes, self.errors):
             worst = max(worst, own)
             if worst <= room:
@@ -248,10 +252,13 @@ class Adaptive:
     unknowns: list  # likewise
     rate: float  # order in the size of elements, of which a cycle is half
     costs: Costs | None = None
+    least: float = 0.0  # error on any mesh
 
     def meets(self, room: float) -> Choice | None:
         """The fewest cycles whose error is at most `room`, None if out of reach."""
         known = len(self.errors) - 1
+        if room < self.least:
+            return None
         for cycles in range(1, CYCLES + 1):
             beyond = cycles - known
             error = (max(self.errors[cycles:]) if beyond <= 0

@@ -135,12 +135,16 @@ def held_inside(record) -> list[str]:
     if not held.any():
         return []
     step, node = np.unravel_index(np.argmax(np.where(held, record.inside, 0.0)), held.shape)
-    clamped, deep = record.contact.boundary.clamped, record.inside[step][node]
-    x, y = clamped.xy[node]
-    return [f"a support holds the boundary {clamped.label[node]} at ({x:.4g}, {y:.4g}) inside what "
+    place, deep = record.contact.boundary.clamped, record.inside[step][node]
+    advice = "move it with the obstacle"
+    if node >= len(place.gid):
+        node, place = node - len(place.gid), record.contact.boundary.held
+        other = place.other[node]
+        advice = f"name {other if other >= 0 else 'what it meets'} first in the pair"
+    x, y = place.xy[node]
+    return [f"a support holds the boundary {place.label[node]} at ({x:.4g}, {y:.4g}) inside what "
             f"it meets, by {deep:.2g} in step {step + 1}: pressures and forces beside it grow with "
-            "every finer mesh; let the support end before the contact label, or move it with the "
-            "obstacle"]
+            f"every finer mesh; let the support end before the contact label, or {advice}"]
 
 
 def _half_rough(b: ContactBoundary) -> list[str]:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..contact.states import ContactField
+from ..feti.nodal import NodalFields
 from ..feti.operator import DualOperator
 from ..march.quasistatic import QuasistaticSolver
 from ..march.step import Step
@@ -13,6 +14,7 @@ from .contact_edges import NODES, chains, contact_length
 from .quantities import (REPEATS, farthest_node, largest_pressure, of_moment, peak_nodes,
                          quantities, singular_places)
 from .shares import label_shares
+from .smooth_ends import smooth_ends
 from .touch import Touch, of_arrivals, slid_on_arrival
 
 ROUND = 1e-6  # change of normals along a boundary that is not straight
@@ -34,13 +36,19 @@ class Record:
         self.operator, self.effects = operator, solver.effects
         self.contact = ContactState(operator, solver)
         self.labels, self.shares = label_shares(operator.structure)
+        # (n_c,) which end their boundary where the outline goes on
+        self.smooth_end = smooth_ends(operator.structure, {
+            name: getattr(self.contact.boundary, name) for name in NODES}, operator.comm)
         more = [] if self.contact.worn is None else [WEAR]
         # one array (n_c,) a step, gap besides
         self.states = {name: [] for name in (*ContactField, *more)}
         self.gaps = []
         self.normals = []  # (n_c, 2) a step, where contact follows the motion
         self.displacements = []  # the largest of the body, one number a step
-        self.inside = []  # (n_k,) a step: how deep clamped nodes are inside what they meet
+        # (n_k,) a step: how deep clamped nodes, and then those of pairs that supports hold, are
+        # inside what they meet
+        self.inside = []
+        self._nodal = None  # gids and displacements of what these meet
         self.work = []  # of friction, one array (n_c,) a step, in cycles jumped over too
         self.dissipated = 0.0  # all of it
         # how often steps are gone through, where cycles are jumped over, and work of each cycle
@@ -76,8 +84,25 @@ class Record:
         self.displacements.append(max(self.operator.comm.allgather(largest)))
         clamped = now.clamped
         moved = clamped.values @ step.weights[: clamped.values.shape[2]]
-        self.inside.append((moved * clamped.normal).sum(axis=1) - clamped.gap)
+        self.inside.append(np.append((moved * clamped.normal).sum(axis=1) - clamped.gap,
+                                     self._inside_of_pairs(whole)))
         return fields, state
+
+    def _inside_of_pairs(self, whole: list[np.ndarray]) -> np.ndarray:
+        """(m,) how deep the nodes of HeldInPairs, if any, are inside what they meet; `whole`
+        (dofs,) displacements of the rank's subdomains. Collective.
+        """
+        boundary = self.contact.boundary
+        held, following = boundary.held, boundary.following
+        if held is None:
+            return np.zeros(0)
+        if self._nodal is None:
+            gids = np.unique(held.term_gid) if following is None else following.gids
+            self._nodal = gids, NodalFields(self.operator.structure, gids, self.operator.comm)
+        gids, nodal = self._nodal
+        u = nodal(whole)[np.searchsorted(gids, held.term_gid)]
+        along = held.term_value * (held.normal[held.term_node] * u).sum(axis=1)
+        return np.bincount(held.term_node, along, len(held.gap)) - held.gap
 
     def _count(self, step: Step) -> None:
         """The steps of a cycle before a jump are gone through in all the cycles jumped over."""
@@ -183,6 +208,8 @@ class Record:
 
         Where contact moves the boundary beside a place that a support holds the displacement jumps,
         and pressure falls from there like the inverse of the distance: forces have no limit.
+        Where it holds a place of a pair the other body yields, by less and less, like the inverse
+        of the logarithm of the element's size: no mesh is near the limit.
         """
         if not self.effects.contact:
             return self.effects.unlimited
@@ -193,13 +220,13 @@ class Record:
         return (*of_contact, *self.effects.unlimited)
 
     def held_inside(self) -> np.ndarray:
-        """(steps, n_k) whether a support holds clamped nodes inside what they meet."""
+        """(steps, n_k) whether a support holds nodes without condition inside what they meet."""
         return np.array(self.inside) > INSIDE * np.array(self.displacements)[:, None]
 
     def nodes(self) -> dict:
         """Columns of the nodes, as quantities.py takes them."""
         return ({name: getattr(self.contact.boundary, name) for name in NODES}
-                | {"shares": self.shares})
+                | {"shares": self.shares, "smooth_end": self.smooth_end})
 
     def _columns(self, which: slice = slice(None)) -> tuple[dict, dict]:
         """Columns of the nodes and of the steps, or some of them, as quantities.py takes them."""

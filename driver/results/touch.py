@@ -102,13 +102,15 @@ def _at_ends(nodes: dict, pieces: list, steps: dict, index: int) -> np.ndarray:
 
 def _cornered(nodes: dict, pieces: list, force: np.ndarray) -> bool:
     """Whether all that presses, by nodal forces, is fewer than AREA nodes next to each end of a
-    boundary, an end that is none of a line of symmetry.
+    boundary, an end that is none of a line of symmetry and a corner of the outline: where a label
+    ends on a smooth one force is at a node by the mesh.
     """
+    smooth = nodes.get("smooth_end", np.zeros(len(force), bool))
     beside = np.zeros(len(force), bool)
     for piece in pieces:
         if not is_ring(nodes, piece):
             for few in (piece[:AREA - 1], piece[:-AREA:-1]):
-                beside[few] |= not nodes["mirrored"][few[0]]
+                beside[few] |= not (nodes["mirrored"] | smooth)[few[0]]
     return bool((force > 0).any() and beside[force > 0].all())
 
 

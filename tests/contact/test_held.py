@@ -71,11 +71,27 @@ def test_nodes_are_held_along_what_the_other_body_can_follow():
     assert lost([(0, 0, 0), (1, 0, 0)], n=1, m=1) == []
 
 
+def test_held_nodes_are_behind_what_their_places_meet():
+    """A vertex and the end of a side, met from one or two edges, at a distance of 0.25; an end
+    beyond the other side meets nothing.
+    """
+    first, second = flat(2, 0.0, up=False), flat(4, -0.25, up=True)
+    second.xy[:, 0] *= 0.9
+    facing, which = np.ones((2, 4), bool), np.array([True, True, False])
+    node, of, part, away = held.met_by(first, second, which, facing, None)
+    np.testing.assert_allclose(np.bincount(node, part, 3), [1, 1, 0])
+    place = np.bincount(node, part * second.xy[of, 0], 3)
+    np.testing.assert_allclose(place, [0, 0.5, 0], atol=1e-12)
+    np.testing.assert_allclose(away, [0.25, 0.25, np.nan])
+    *_, away = held.met_by(first, second, ~which, facing, None)
+    np.testing.assert_array_equal(away, [np.nan, np.nan, np.inf])
+
+
 def test_of_places_only_what_they_meet_counts():
     """Of a quadratic side's ends and middles, by an edge of the other; none beyond its end."""
     first, second = flat(2, 0.0, up=False), flat(4, 0.0, up=True)
     second.xy[:, 0] *= 0.9
-    node, of, value = mortar.met_at_nodes(first, second)
+    node, of, value, _ = mortar.met_at_nodes(first, second)
     met = {k: np.bincount(of[node == k], value[node == k], 5) / (node == k).sum() * 2
            for k in (0, 1)}
     np.testing.assert_allclose(met[0], [1, 0, 0, 0, 0], atol=1e-12)

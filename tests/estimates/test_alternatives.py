@@ -2,12 +2,14 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from driver.errors import NotConverged
 from driver.estimates import alternatives
 from driver.estimates.alternatives import ADAPTIVE, RATE, Alternatives
 from driver.estimates.budget import Part
+from driver.estimates.free_peak import Peaks
 from driver.estimates.prices import Measured
 
 OF_MESH = {"P1": (0.4, 1.0), "P2": (0.1, 2.0), "P2-mixed": (0.1, 2.0)}  # c, p
@@ -121,6 +123,26 @@ def test_the_other_order_is_run_where_its_errors_are_alike(element, other, sizes
     # one that fails is no news to the user: the run itself is not concerned
     first = {mesh["h"]: quiet for mesh, _, quiet in scene.asked[::-1] if "element" in mesh}
     assert list(first.values()) == [True] * len(sizes)
+
+
+def test_linear_elements_on_the_run_s_mesh_are_no_better_than_its_quadratic_ones():
+    """Whatever their distance from the run is by chance; coarser ones are farther away."""
+    scene = Scene("P2", size=0.5)
+    scene.value = lambda mesh, stride: 2.0 + 0.01 * (mesh.get("h") == 1.0)
+    kinds = scene.kinds(error=0.5)[1]
+    assert kinds["P1"].errors == pytest.approx([0.5, 0.51])
+
+
+@pytest.mark.parametrize("held, name, least", [
+    (2.0, "displacement", 0.05), (1.97, "displacement", 0.05), (1.9, "displacement", 0.0),
+    (2.0, "slip", 0.0)])
+def test_a_displacement_that_a_support_prescribes_is_no_accuracy(held, name, least, monkeypatch):
+    """All meshes agree on it, or on little more; others may exceed it by 2.5 %."""
+    found = Peaks(2.0, held, np.zeros((0, 4)), held=held)
+    monkeypatch.setattr(Peaks, "of_level", lambda level: found)
+    of = Scene("P1").kinds()[0]
+    of.name = name
+    assert of._unseen(None) == pytest.approx(least)
 
 
 @pytest.mark.parametrize("cells, expected", [(12, [3, 2]), (5, [2, 1]), (3, [1]), (1, [1])])

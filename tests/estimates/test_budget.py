@@ -139,7 +139,8 @@ class Linear:
 
     def problem(self, **_changes):
         """Any mesh can be had, and no load acts on its edges."""
-        return SimpleNamespace(manifest=SimpleNamespace(patterns=[]),
+        return SimpleNamespace(manifest=SimpleNamespace(patterns=[], contact_labels=[]),
+                               operator=SimpleNamespace(comm=MPI.COMM_SELF),
                                structure=SimpleNamespace(subdomains=[]))
 
     def refines(self, _mesh, _other):
@@ -182,7 +183,7 @@ def test_each_tolerance_has_its_share(coulomb, name):
     loose, levels = Settings(**{**tight, name: 1e-4}), Linear()
     effects = Declared(quasistatic=False, frictional=coulomb, pressure_bounds_friction=coulomb)
     manifest = SimpleNamespace(parameters={"cells": 8}, steps=1, element="P1", nodes=0,
-                               curved=[], between={})
+                               curved=[], contact_labels=[], between={})
     record = SimpleNamespace(quantities=lambda: ({"displacement": levels.value(loose)}, 0),
                              singular_places=lambda: (), open_work=lambda: 0.0,
                              touch=lambda _index: Touch(open={}))
@@ -215,7 +216,7 @@ def test_a_mesh_that_does_not_resolve_the_solution_leaves_no_claims_of_contact(e
     levels = Linear()
     effects = Declared(quasistatic=False, frictional=False, pressure_bounds_friction=False)
     manifest = SimpleNamespace(parameters={"cells": 8}, steps=1, element=element, nodes=0,
-                               curved=[])
+                               curved=[], contact_labels=[])
     values = {"displacement": 1.0, "contact_length": 0.5, "peak_pressure": 2.0,
               "normal_resultant": 3.0}
     levels.run = lambda *_, **changes: SimpleNamespace(

@@ -9,10 +9,11 @@ from mpi4py import MPI
 from driver.estimates import adjoint, caution
 from driver.estimates.adjoint import SEES, Sizes
 from driver.estimates.budget import PAIR, SAFETY, SLOW, UNSETTLED, Part
-from driver.estimates.caution import Caution
+from driver.estimates.caution import SHEAR, Caution
 from driver.results.touch import Touch
 
 NONE = Touch(open={})
+ELSEWHERE = {"displacement": Sizes(1e-9, 1.0, 1.0)}  # adjoint problems, of other quantities
 
 
 def of(values, touches=(), lost=(), **more):
@@ -86,7 +87,8 @@ def test_integrals_fall_no_slower_than_the_strongest_stresses_leave(order):
         plain, stiff = (of({name: values, "slip": values, "displacement": values},
                            stiff=factor)[name].error for factor in (1.0, 3.0))
         assert plain == pytest.approx(safety * most) and stiff == pytest.approx(3 * plain)
-    assert of({"slip": values})["slip"].error == pytest.approx(SLOW * 0.7 * 0.1**order)
+    slip = of({"slip": values}, sizes=ELSEWHERE)["slip"].error
+    assert slip == pytest.approx(SLOW * 0.7 * 0.1**order)
     plate = of({"normal_resultant": [3591.197, 3608.060, 3625.294]})["normal_resultant"]
     assert 2.2 < plate.error < 0.025 * 3589 and plate.rate == UNSETTLED
 
@@ -470,3 +472,28 @@ def test_a_force_at_a_node_of_a_round_boundary_is_somewhere_on_its_sides(pressin
     part = Caution("P1", touch=touch, length=10.0).parts({"displacement": 1.0}, runs, [2.0, 2.0],
                                                          ())["displacement"]
     assert part.error == pytest.approx(error, abs=1e-12)
+
+
+@pytest.mark.parametrize("more, error", [
+    ({}, SHEAR * 0.2**2 * 100.0), ({"energy": 0.0}, 3e-2), ({"sizes": ELSEWHERE}, None),
+    ({"given": frozenset(["normal_resultant"])}, None)])
+def test_two_meshes_may_agree_on_the_pressing_force_by_chance(more, error):
+    """Without an adjoint problem: not by less than both errors of a functional may leave, but for
+    what loads give. Three meshes tell more.
+    """
+    case = {"energy": 0.2} | more
+    force = of({"normal_resultant": [100.0, 100.01]}, **case)["normal_resultant"].error
+    three = of({"normal_resultant": [100.0, 100.01, 100.03]}, **case)["normal_resultant"].error
+    if error is not None:
+        assert force == pytest.approx(error)
+    else:
+        assert force < 0.1
+    assert three < 0.1
+    exact = of({"normal_resultant": [100.0, 100.0 + 1e-4]}, **case)["normal_resultant"].error
+    assert exact < 1e-3  # balance gives it
+
+
+def test_slip_without_an_adjoint_problem_has_the_safety_of_what_nothing_holds():
+    """As resultants and displacements have."""
+    alone = of({"slip": power(1.0)})["slip"].error
+    assert alone == pytest.approx(SAFETY * of({"slip": power(1.0)}, sizes=ELSEWHERE)["slip"].error)

@@ -8,6 +8,7 @@ from mpi4py import MPI
 
 from driver.estimates.budget import Part
 from driver.estimates.free_peak import Peaks, exceeded, exceeding
+from driver.estimates.prices import Adaptive, Uniform
 
 # a sleeve with a flange, shrunk on a rigid shaft, warm, and pressed along the axis
 HUB = """include "scene.idp"
@@ -121,6 +122,32 @@ def test_what_exceeds_a_support_by_little_beside_it_is_the_support_s(beside, by_
     assert Peaks.of(body, STEP, max(3.0, beside)).by_support == by_support
     free = body_of([{0: 3.0, 1: beside, 2: 1.0, 3: 2.0}])
     assert not Peaks.of(free, STEP, max(3.0, beside)).by_support
+
+
+@pytest.mark.parametrize("row, error, claimed", [
+    # 3 is prescribed; the others strain by 0.2 and 2 of it, of which a tenth may be wrong
+    ({0: 3.0, 1: 2.8, 2: 1.0}, 0.1, 0.025 * 3.0), ({0: 3.0, 1: 2.8, 2: 1.0}, 0.5, 0.025 * 3.0),
+    ({0: 3.0, 1: 2.8, 2: 3.2}, 0.1, 0.2 + 0.02), ({0: 3.0, 1: 2.8, 2: 3.2}, 0.0, 1.0)])
+def test_what_a_support_prescribes_has_no_error(row, error, claimed):
+    """The largest displacement is that or more, and errs by no more than other places may exceed it
+    by, whatever meshes say of a place beside it; by the whole part where no error in energy is
+    known.
+    """
+    own = Peaks.of(body_of([row], held=[0]), STEP, max(row.values()))
+    found = exceeded(Part(1.0), own.largest, [(own, own)], [2.0], 1.0, error)
+    assert found.error == pytest.approx(claimed)
+    split = Peaks.of(body_of([{0: 3.0, 1: 2.8}, {1: 2.8, 2: row[2]}], held=[0]), STEP, own.largest)
+    assert split.held == own.held == 3.0
+    np.testing.assert_array_equal(split.ways, own.ways)
+
+
+def test_prices_of_a_displacement_are_no_better_than_what_no_mesh_tells():
+    """A price list of one that a support prescribes promises nothing below, on any kind of mesh.
+    """
+    own = Uniform("P2", "h", [1.0, 2.0], [0.05, 0.06], [100.0, 30.0], 1.0, least=0.05)
+    assert own.meets(0.049) is None and own.meets(0.05).settings["H"] == "1"
+    cycles = Adaptive("ADAPT", {}, [0.06, 0.05], [30.0, 60.0], 1.0, least=0.05)
+    assert cycles.meets(0.049) is None and cycles.meets(0.05).settings == {"ADAPT": "1"}
 
 
 def mesh(*peaks) -> Peaks:

@@ -482,6 +482,34 @@ include "export.idp"
 
 
 @pytest.mark.slow
+def test_forces_beside_a_place_of_a_pair_held_inside_the_other_body_have_no_error(
+        solved, named_scene):
+    """A wall leans on a block whose lower end is clamped: without a condition there it goes on into
+    the block by less and less, so that forces tend to those of the pair that the wall is first in.
+    """
+    text = """include "scene.idp"
+units("mm", "MPa");
+int[int] b = [11, 12, 13, 14], w = [1, 2, 3, 4];
+addBody(square(6, 6, [4.*x, 4.*y], label = b))
+addBody(square(2, 9, [-1. + x, -2. + 6.*y], label = w))
+macro young() 1000. //
+macro poisson() 0.3 //
+macro support() on(11, u1 = 0., u2 = 0.) + on(1, u1 = 0., u2 = 0.) //
+macro load1() traction(4, 5., 0.) //
+macro contactPair() {pair} //
+include "export.idp"
+"""
+    pairs = {first: text.replace("{pair}", f"{first}, {16 - first}") for first in (14, 2)}
+    block, wall = (solved(named_scene(f"first{first}", scene), errors="yes", element="P2")
+                   for first, scene in pairs.items())
+    forces = [run.summary["errors"]["quantities"]["normal_resultant"] for run in (block, wall)]
+    assert forces[0]["total"] is None and forces[1]["total"] > 0
+    said = [" ".join(run.summary["warnings"]) for run in (block, wall)]
+    assert "a support holds the boundary 14 at (0, 0) inside what it meets, by " in said[0]
+    assert "or name 2 first in the pair" in said[0] and "a support holds" not in said[1]
+
+
+@pytest.mark.slow
 def test_a_round_boundary_in_contact_as_a_whole_is_as_long_as_its_polygon(solved, named_scene):
     """A hole around a pin that is too large: what the sides lack of the circle is in the claim."""
     path = named_scene("hole", """include "scene.idp"

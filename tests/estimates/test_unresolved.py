@@ -207,6 +207,7 @@ def searched(monkeypatch):
         monkeypatch.setattr(mesh_part.Caution, "of",
                             lambda *of: said.update(seen=of[6]) or caution)
         monkeypatch.setattr(mesh_part.soundness, "lost", lambda problem: problem.lost)
+        monkeypatch.setattr(mesh_part, "contact_ratios", lambda _, ratios: ratios)
         found = successive.mesh_parts(problems, [level, level], [2.0], "normal_resultant",
                                       "bound", **more)
         assert level.energy is energy  # for the next time that it is asked for

@@ -1,0 +1,39 @@
+"""Coarser meshes whose elements are longer in one direction alone, as across a thin body.
+
+Where a scene keeps a cell or two across a thickness, whatever the size, meshes differ by what
+elements along it make, and agree on what those across make. The error in energy, of which smoothed
+stresses on the run's own mesh see two thirds, has both: its square is what a functional of the
+whole errs by, as the compliance does. No less is claimed. Adjoint problems see it likewise: this is
+for quantities without.
+"""
+
+from ..quantity_table import LOCAL, QUANTITIES
+from .adjoint import SEES
+from .budget import Part, located
+
+# power of the sides' ratio by which the number of triangles falls: 2 in all directions, 1 in one
+BOTH = 1.5
+
+
+def one_way(problems: list, ratios: list[float]) -> bool:
+    """Whether the next coarser of the `problems`, finest first, is coarser in one direction alone;
+    collective.
+    """
+    if len(problems) < 2:
+        return False
+    own = [sum(len(sub.triangles) for sub in problem.structure.subdomains)
+           for problem in problems[:2]]
+    fine, coarse = (sum(problem.operator.comm.allgather(count))
+                    for problem, count in zip(problems, own))
+    return fine < coarse * ratios[0] ** BOTH
+
+
+def with_other_way(parts: dict[str, Part], values: dict, energy: float,
+                   given: set[str]) -> dict[str, Part]:
+    """The `parts` of `values`, no less than the square of the relative error in `energy` but for
+    places and pressures; what loads have `given` has no part in it.
+    """
+    least = (energy / SEES) ** 2
+    wide = {name for name in parts.keys() - given if QUANTITIES[name].kind != LOCAL}
+    wide |= {"slip"} & parts.keys()  # a displacement
+    return parts | {name: located(parts[name], least * abs(values[name])) for name in wide}
