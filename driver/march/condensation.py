@@ -18,6 +18,7 @@ from ..contact.equilibrium import felt
 from ..contact.rows import ContactRows
 from .step import Load
 
+NEAR = 0.01  # of the size of the largest body: gaps that strains, which are small, may close
 FAINT = 1e-3  # part of the motion that rows feel most, below which they hardly feel one
 
 
@@ -81,6 +82,15 @@ class Condensation:
     def total(self) -> int:
         """Number of contact rows, whether they act or not."""
         return self._every[2]
+
+    @functools.cached_property
+    def near(self) -> int:
+        """Number of contact rows of nodes that lie near what they meet: others hardly touch it."""
+        structure = self.operator.structure
+        contact, size = structure.contact, structure.travel.bodies.size.max()
+        near = (contact.gap <= NEAR * size) & ~contact.idle
+        return sum(np.count_nonzero(rows[near] >= 0)
+                   for rows in (contact.normal_row, contact.tangential_row))
 
     @property
     def whole(self) -> bool:

@@ -104,7 +104,7 @@ class Shortcut:
         elimination = condensation.elimination
         if elimination is None:
             return False
-        newton = elimination.products(FACTORIZATIONS * condensation.total**3 / 3)
+        newton = elimination.products(FACTORIZATIONS * condensation.near**3 / 3)
         return elimination.price <= AT_ONCE and newton <= 2 * AT_ONCE
 
     def pays(self, trace: Trace, x: np.ndarray, target: float, spent: int, taken: int) -> bool:
@@ -149,7 +149,7 @@ class Shortcut:
             return False
         total = self.condensation.total
         spent = products + self.condensation.elimination.products(own * total**2)
-        return spent > max(LEAST, self._price(total))
+        return spent > max(LEAST, self._price(self.condensation.near))
 
     def learn(self, x: np.ndarray, spent: int) -> None:
         """Steps to come begin with elimination if the one QP of this took more, `spent` products.

@@ -19,7 +19,7 @@ from .coulomb import BACKWARD, FORWARD, OPEN, STICK, CoulombProblem
 from .nearby import nearly_in
 
 CHANGES = 3  # of states, for each row; bars that rock took half as many
-WORK = 4e9  # multiplications that all changes may take, each rows squared: seconds
+WORK = 4e9  # multiplications that all changes may take, each rows times those with forces: seconds
 # times the rows' own compliance: that of springs which hold bodies without support, in turn; the
 # stiffer ones have more digits, the softer ones leave less to be followed
 SOFT = (1e3, 1e5)
@@ -60,7 +60,7 @@ def _followed(problem: CoulombProblem, start: np.ndarray, softness: float) -> np
 
 class _Descent:
     """Forces x (n + m,) within their bounds `lower` and `upper`, `slope` (n + m,) and `energy`
-    there, and the number of changes that are `left`.
+    there, and the numbers of changes that are `left`, and of multiplications for them: `work`.
     """
 
     def __init__(self, problem: CoulombProblem, start: np.ndarray):
@@ -68,13 +68,13 @@ class _Descent:
         bound = problem.offsets
         self.lower = np.append(np.where(problem.bilateral, -np.inf, 0.0), -bound)
         self.upper = np.append(np.full(n, np.inf), bound)
-        self.left = min(CHANGES * problem.rows, WORK // max(problem.rows, 1) ** 2)
+        self.left, self.work = CHANGES * problem.rows, WORK
         self._move(self._cut(start[: problem.rows]))
 
     def end(self) -> np.ndarray | None:
         """The solution, exactly in its states, or None."""
         self._lower(self._pushed())
-        while self.left > 0:
+        while self._may_go_on:
             if self.problem.solves(self.x):
                 exact = self.problem.solution_in(self._states(self._pushed()), self._signs)
                 return exact if self.problem.solves(exact) else self.x
@@ -91,7 +91,7 @@ class _Descent:
         Each of them is held from where it meets a bound; at once if it would leave that.
         """
         held, before = held.copy(), self.energy
-        while self.left > 0:
+        while self._may_go_on:
             y = self._least(held)
             if y is None:
                 return False
@@ -109,6 +109,10 @@ class _Descent:
             self._move(x)
         return False
 
+    @property
+    def _may_go_on(self) -> bool:
+        return self.left > 0 and self.work > 0
+
     def _but_one(self) -> tuple[np.ndarray, bool]:
         """(n + m,) rows at bounds but that which gives way most, if one does, and whether."""
         held = self._at_bounds()
@@ -120,6 +124,7 @@ class _Descent:
     def _move(self, x: np.ndarray) -> None:
         compliance, acts = self.problem.compliance, np.flatnonzero(x)
         few = len(acts) < FEW * len(x)  # as of bodies whose outlines are contact all round
+        self.work -= len(x) * (len(acts) if few else len(x))
         moved = x[acts] @ compliance[acts] if few else compliance @ x
         self.x, self.slope = x, moved - self.problem.load
         self.energy = 0.5 * float(x @ (self.slope - self.problem.load))

@@ -18,6 +18,7 @@ from .equations import Equations
 from .state_system import StateSystem
 
 FEW = 0.25  # part of the unknowns that rows may be for updates to pay
+ROOM = 16  # columns of W that there is room for at first
 LEAST = 1e-8  # pivot of M'_D W, of which rows without change have 1, below which factors are new
 
 
@@ -49,7 +50,8 @@ class Nearby:
         """`rows`: n + m of the problem."""
         self._system, self._equations = system, system.equations
         self._place = np.full(rows, -1)  # of a row its column of W
-        self._W = np.empty((rows + system.motions.shape[1], 0))
+        # those columns, as rows, and room for as many again; how many there are
+        self._W, self._count = np.empty((ROOM, rows + system.motions.shape[1])), 0
 
     def solution(self, problem: CoulombProblem, states: np.ndarray,
                  sign: np.ndarray) -> np.ndarray | None:
@@ -68,26 +70,29 @@ class Nearby:
         if len(rows):
             W = self._columns(problem, rows)
             stiff = np.where(own.still[rows], problem.rigidity[rows], 1.0)
-            small = stiff[:, None] * own.left(problem, rows, W)
+            small = stiff[:, None] * own.left(problem, rows, W.T)
             missed = stiff * (own.left(problem, rows, x) - right[rows])
             factor, pivots, failed = lapack.dgetrf(small)
             least = np.abs(factor.diagonal())
             if failed or not least.min() > LEAST * max(least.max(), 1.0):
                 return None
-            x -= W @ lapack.dgetrs(factor, pivots, missed)[0]
+            x -= lapack.dgetrs(factor, pivots, missed)[0] @ W
         own.put(problem, x[: problem.rows])
         return x if np.isfinite(x).all() else None
 
     def _columns(self, problem: CoulombProblem, rows: np.ndarray) -> np.ndarray:
-        """Those of W (n + m + k, len(rows)), each as if forces were right sides."""
+        """Those of W, as rows (len(rows), n + m + k), each as if forces were right sides."""
         new = rows[self._place[rows] < 0]
         if len(new):
-            unit = np.zeros((len(self._W), len(new)))
+            unit = np.zeros((self._W.shape[1], len(new)))
             still = self._equations.still[new]
             unit[new, np.arange(len(new))] = np.where(still, 1.0 / problem.rigidity[new], 1.0)
-            self._place[new] = self._W.shape[1] + np.arange(len(new))
-            self._W = np.column_stack([self._W, self._solved(problem, unit)])
-        return self._W[:, self._place[rows]]
+            first, self._count = self._count, self._count + len(new)
+            self._place[new] = np.arange(first, self._count)
+            if self._count > len(self._W):
+                self._W = np.concatenate([self._W[:first], np.empty((self._count, len(unit)))])
+            self._W[first : self._count] = self._solved(problem, unit).T
+        return self._W[self._place[rows]]
 
     def _solved(self, problem: CoulombProblem, right: np.ndarray) -> np.ndarray:
         """x (n + m + k, r) of the system's equations with `right` sides (n + m + k, r).

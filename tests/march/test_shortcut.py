@@ -125,7 +125,7 @@ def test_it_comes_first_where_rows_are_cheap_to_eliminate(decided, monkeypatch):
         monkeypatch.setattr(fronts, "products", lambda count: asked.append(count) or newton)
         return way.begins(None, Trace(shortcut=tried), x, moved, 1e-6)
 
-    assert first()  # factors of matrices of all contact rows
+    assert first()  # factors of matrices of all contact rows, which lie near
     assert asked == [shortcut.FACTORIZATIONS * way.condensation.total**3 / 3]
     assert not first(price=shortcut.AT_ONCE + 1) and not first(newton=2 * shortcut.AT_ONCE + 1)
     assert not first(alike=True)  # products of alike subdomains cost little
@@ -275,6 +275,23 @@ def test_one_endless_qp_is_left_for_elimination(solved, named_scene):
     # all of it slides: 30 N/mm press, a fifth of it is friction
     carried = (forces(strip) * strip.contact["weight"][-1]).sum(axis=1)
     assert np.allclose(carried, [-30, -6], rtol=1e-7, atol=0)
+
+
+def test_what_lies_far_away_counts_for_nothing(built, steps_of, named_scene):
+    """Contact all round a block, with an obstacle under it: sides that cannot be closed."""
+    text = """include "scene.idp"
+body = square(16, 16);
+macro young() 1000. //
+macro poisson() 0.3 //
+macro contact() 1, 2, 3, 4 //
+macro gap() (label == 1 ? 0. : GAP) //
+macro bodyForce1() [0., -1.] //
+include "export.idp"
+"""
+    near, far = (steps_of(built(named_scene(f"round-{gap}", text.replace("GAP", gap))))[0]
+                 .condensation for gap in ("0.002", "0.5"))
+    assert near.near == near.total == far.total
+    assert far.near <= 0.3 * far.total  # a quarter of the outline, with its corners
 
 
 @pytest.mark.parametrize("products, own, price, leaves", [
