@@ -13,6 +13,8 @@ from .shared_labels import SeveralPlaces
 from .side import Side
 
 FACING = -0.2  # cosine between the normals of facing edges, at most
+ROUNDED = 1e-9  # part of the largest distance by which places may be on the other side
+AT_ONCE = 2**21  # pairs of edge and vertex that are looked at together: memory
 SLIVER = 1e-6  # parts of an edge shorter than this, relative to the edge, do not count
 
 
@@ -48,8 +50,7 @@ def segments(first: Side, second: Side, able: np.ndarray | None = None,
 def facing_parts(first: Side, normal: np.ndarray, second: Side, able: np.ndarray | None,
                  reach: float | None = None):
     """Pairs of facing edges and the interval [start, stop] of the first edge that they share."""
-    facing = first.edge_normal @ second.edge_normal.T < FACING
-    e, o = np.nonzero(facing if able is None else facing & able)
+    e, o = _candidates(first, normal, second, able)
     ends = [_foot(first, normal, e, second.xy[second.edges[o, k]]) for k in (0, 1)]
     start, stop = np.clip(np.minimum(*ends), 0.0, 1.0), np.clip(np.maximum(*ends), 0.0, 1.0)
     keep = stop - start > SLIVER
@@ -67,6 +68,33 @@ def facing_parts(first: Side, normal: np.ndarray, second: Side, able: np.ndarray
             "the other side; give parts that meet different places labels and pairs of their own")
     order = np.lexsort((start, e))
     return e[order], o[order], start[order], stop[order]
+
+
+def _candidates(first: Side, normal: np.ndarray, second: Side,
+                able: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """Edges of the first side and such of the second that may face them: turned to one another, and
+    not on one side of the normals at both ends, between which all others of the edge lie.
+    """
+    a, b = first.edges[:, :2].T
+    c, d = second.edges[:, :2].T
+    across = np.column_stack([normal[:, 1], -normal[:, 0]])
+    from_origin = (first.xy * across).sum(axis=1)
+    found = [(np.empty(0, int), np.empty(0, int))]
+    step = max(1, AT_ONCE // max(1, len(second.xy)))
+    for start in range(0, len(a), step):
+        block = slice(start, start + step)
+        facing = first.edge_normal[block] @ second.edge_normal.T < FACING
+        if able is not None:
+            facing &= able[block]
+        for sign in (1.0, -1.0):
+            beside = np.ones((len(facing), len(second.xy)), bool)
+            for end in (a[block], b[block]):
+                way = across[end] @ second.xy.T - from_origin[end, None]
+                beside &= sign * way > ROUNDED * np.abs(way).max(initial=0.0)
+            facing &= ~(beside[:, c] & beside[:, d])
+        e, o = np.nonzero(facing)
+        found.append((e + start, o))
+    return tuple(np.concatenate(column) for column in zip(*found))
 
 
 def _nearest_parts(first: Side, normal: np.ndarray, second: Side, e, o, start, stop,

@@ -263,6 +263,32 @@ def test_the_back_of_a_thin_part_faces_nothing_through_it(depth, faces):
     assert (1, 3) not in found
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_what_lies_beside_an_edge_is_left_out_before_feet_are_looked_for(seed, monkeypatch):
+    """And nothing that faces it, before and behind the focus of its normals: of two rough rings,
+    one through the other, also where edges are looked at one by one.
+    """
+    rng, rings = np.random.default_rng(seed), []
+    for centre, radius, count in ((0.0, 1.0, 23), (1.4, 0.9, 31)):
+        angle = np.linspace(0, 2 * np.pi, count, endpoint=False)
+        radius = radius * (1 + 0.1 * rng.standard_normal(count))
+        rings.append(outline(np.column_stack([centre + radius * np.cos(angle),
+                                              radius * np.sin(angle)])))
+    one, other = rings
+    normal = one.nodal_normals()
+    found = facing.facing_parts(one, normal, other, None, 10.0)
+    monkeypatch.setattr(facing, "AT_ONCE", 1)
+    alone = facing.facing_parts(one, normal, other, None, 10.0)
+    able = one.edge_normal @ other.edge_normal.T < facing.FACING
+    candidates = set(zip(*facing._candidates(one, normal, other, None)))
+    monkeypatch.setattr(facing, "_candidates", lambda *_: np.nonzero(able))
+    everything = facing.facing_parts(one, normal, other, None, 10.0)
+    assert len(candidates) < 0.6 * np.count_nonzero(able)
+    for part, by_itself, known in zip(found, alone, everything):
+        np.testing.assert_array_equal(part, known)
+        np.testing.assert_array_equal(by_itself, known)
+
+
 def test_an_edge_is_met_from_outside():
     """Normals of nodes turn round a corner: a place may look out of the other body where normals of
     edges still face one another.
