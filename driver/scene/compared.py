@@ -71,7 +71,7 @@ def asked_elsewhere(scene: Path, manifest: Manifest) -> list[str]:
 
 def _acting(law: str, manifest: Manifest) -> tuple[list[int], str]:
     """The labels on which a law acts, and what there is on them, in words."""
-    firsts = [first for first, _ in manifest.contact_pairs]
+    firsts = [*dict.fromkeys(first for first, _ in manifest.contact_pairs)]
     if law in SPRINGS:
         return manifest.rooms["springs"].get("labels", []), "foundation"
     if law == "pairGap":

@@ -787,6 +787,18 @@ def test_gaps_of_obstacles_and_of_pairs_that_ask_for_one_anothers_labels(tmp_pat
     assert len(said) == bool(words) and words in "".join(said)
 
 
+def test_a_first_label_of_several_pairs_is_named_once(tmp_path):
+    path, text = tmp_path / "mine.edp", SCENE
+    law = "macro pairGap() (label == 1 ? 0.1 : 0.) //"
+    for old, new in (*ABOVE, ("friction() F //", f"friction() F //\n{law}"),
+                     ("contactPair() 5, 3 //", "contactPair() 5, 3, 5, 2 //")):
+        text = text.replace(old, new, 1)
+    path.write_text(text)
+    said, = compared.asked_elsewhere(path, freefem.export(path, tmp_path / "export",
+                                                          {"steps": "2"}))
+    assert "and not for 5, where it is" in said
+
+
 def test_laws_that_ask_for_first_labels_and_loads_for_any(tmp_path):
     path, text = tmp_path / "mine.edp", SCENE
     for old, new in (*ABOVE, ("friction() F", "friction() (label == 3 || label == 5 ? F : 0.)"),
