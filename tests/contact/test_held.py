@@ -112,6 +112,9 @@ def test_an_edge_between_held_nodes_is_refused():
                            f".*{advice}"):
             held.check_passed_on(first, labels, np.array([False, False, False, True]),
                                  np.array([True, False, True, True]), pairs, both)
+    with pytest.raises(InputError, match="boundary 7 .*, where what it meets can move: name what"):
+        held.check_passed_on(first, labels, np.array([False, False, False, True]),
+                             np.array([True, False, True, True]), [*pairs, (7, 36)], False)
 
 
 @pytest.mark.parametrize("element", ["P1", pytest.param("P2", marks=pytest.mark.slow)])
