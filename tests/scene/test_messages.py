@@ -520,6 +520,21 @@ def test_numbers_that_no_label_has(said, formula, helper, words):
     assert words in said(("macro friction() F //", f"{helper}macro friction() {formula} //"))
 
 
+def test_an_argument_called_label_is_no_label(tmp_path):
+    """What it is compared with here are numbers of regions."""
+    path = tmp_path / "mine.edp"
+    text = SCENE
+    for old, new in (('subdomains("2x1");\nrectangle(0., 2., 0., 1.);',
+                      "body = square(2, 2, [2*x, y], region = 9);"),
+                     ("macro amplitude1(t) t //", "macro amplitude1(t) t //\n"
+                      "macro heavy(label) (label == 9 ? -1. : 0.) //\n"
+                      "macro bodyForce1() [0., heavy(region)] //")):
+        assert old in text
+        text = text.replace(old, new)
+    path.write_text(text)
+    assert freefem.export(path, tmp_path / "export", {"steps": "2"}).regions == [9, 9]
+
+
 @pytest.mark.parametrize("formula, helper, words", [
     ("(label = 1 ? 0.3 : 0.1)", "", "friction sets label by a single =; what compares has two: "
      "label == ..."),
