@@ -80,7 +80,9 @@ def check_passed_on(first, labels: np.ndarray, lost: np.ndarray, held: np.ndarra
     whole = lost[first.edges].any(axis=1) & held[first.edges].all(axis=1)
     if whole.any():
         edge = int(whole.argmax())
-        one, two = next(pair for pair in pairs if pair[0] == labels[edge])
+        one = labels[edge]
+        met = [two for label, two in pairs if label == one]
+        two = met[0] if len(met) == 1 else "what it meets"
         x, y = first.xy[first.edges[edge, :2]].mean(axis=0)
         advice = ("supports of both bodies belong elsewhere than on their contact" if both else
                   f"name {two} first")

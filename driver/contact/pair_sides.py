@@ -123,8 +123,12 @@ class PairSides:
             held = held_nodes(gids, self.fixed[0]) | tip | lost
             both = np.isin(self.fixed[0] // 2, others).any()
             check_passed_on(first, one, lost, held, pairs, both)
-            stands = lost & ~free_along(gids, normal, self.fixed[0])
+            stands = ~free_along(gids, normal, self.fixed[0])
+            # where contact follows the motion they are the same ones in all steps
+            stands &= lost if reach is None else np.isin(np.arange(len(gids)), places)
             behind = met_by(first, second, stands, able, within) if stands.any() else None
+            if behind is not None:
+                behind[-1][stands & ~lost] = np.inf
             pair = mortar.couple(first, second, held, able, within, sharp if sharp.any() else None)
         met = np.isin(second.edges[:, :2], pair.of[pair.side == 1]).all(axis=1)
         missed = _missed(pairs, two[met]) if pair.weight.any() else pairs
@@ -151,7 +155,7 @@ class PairSides:
                 position: np.ndarray) -> tuple[np.ndarray, ...]:
         """What nodes meet that supports hold along their normal, and that have no condition: terms
         of the jump, contact node, gid and coefficient (terms,) each, and distances (nodes,) at
-        first, NaN of all others.
+        first, inf of those that face nothing now, NaN of all others.
 
         `met` as of held.met_by; `gids` and `others` of both sides' nodes, `position` (n,) the
         contact nodes of the first one's.

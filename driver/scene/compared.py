@@ -71,7 +71,7 @@ def asked_elsewhere(scene: Path, manifest: Manifest) -> list[str]:
 
 def _acting(law: str, manifest: Manifest) -> tuple[list[int], str]:
     """The labels on which a law acts, and what there is on them, in words."""
-    firsts = [first for first, _ in manifest.contact_pairs]
+    firsts = [*dict.fromkeys(first for first, _ in manifest.contact_pairs)]
     if law in SPRINGS:
         return manifest.rooms["springs"].get("labels", []), "foundation"
     if law == "pairGap":
@@ -106,13 +106,13 @@ def _named(scene: Path) -> dict[str, int]:
 
 def _compared(macro: grammar.Definition, numbers: dict[str, int]) -> list[tuple[str, int, str]]:
     """What a macro compares with numbers, also such as have names: label or region, those, and for
-    what: = or !.
+    what: = or !. An argument of that name is whatever it is called with.
     """
     code, own = pitfalls.code_of(macro.content), re.findall(r"\w+", macro.arguments or "")
     for name in numbers.keys() - set(own):
         code = re.sub(rf"(?<![.\w]){name}(?![\w.(\[])", str(numbers[name]), code)
     return [(found[1] or found[6], int(found[3] or found[4]), found[2] or found[5]) for found
-            in COMPARED.finditer(code)]
+            in COMPARED.finditer(code) if (found[1] or found[6]) not in own]
 
 
 def _second_label(asked: list[int], own: list[int], pairs: list) -> str:

@@ -2,6 +2,8 @@
 is refused.
 """
 
+import re
+
 import numpy as np
 import pytest
 
@@ -110,6 +112,9 @@ def test_an_edge_between_held_nodes_is_refused():
                            f".*{advice}"):
             held.check_passed_on(first, labels, np.array([False, False, False, True]),
                                  np.array([True, False, True, True]), pairs, both)
+    with pytest.raises(InputError, match="boundary 7 .*, where what it meets can move: name what"):
+        held.check_passed_on(first, labels, np.array([False, False, False, True]),
+                             np.array([True, False, True, True]), [*pairs, (7, 36)], False)
 
 
 @pytest.mark.parametrize("element", ["P1", pytest.param("P2", marks=pytest.mark.slow)])
@@ -235,3 +240,30 @@ def test_a_slanted_boundary_that_meets_a_line_of_symmetry(scene, solved, element
     """
     found = solved(scene(SLANTED), ELEMENT=element).contact
     assert np.abs(found["sigma_n"] + 5).max() < 1e-6 * 5 and np.abs(found["sigma_t"]).max() < 5e-6
+
+
+# a stiff pad that is pressed by 0.1 and slides over an end that a support holds, of the first label
+OVER = """include "scene.idp"
+int[int] below = [8, 2, 31, 7], above = [17, 3, 9, 1];
+addBody(square(8, 2, [-2 + 4*x, -1 + y], label = below)) bodyMaterial("block", 1., 0.3);
+addBody(square(2, 1, [-1.5 + x, y], label = above)) bodyMaterial("pad", 1e4, 0.3);
+quasistatic(1.);
+macro support() on(8, u1 = 0., u2 = 0.) + on(7, u1 = 0., u2 = 0.) //
+macro displacement1() on(9, u1 = 0., u2 = -0.1) //
+macro amplitude1(t) min(1., 4*t) //
+macro displacement2() on(9, u1 = -1., u2 = 0.) //
+macro amplitude2(t) t //
+macro contactPair() 31, 17 //
+macro largeSliding() 2. //
+include "export.idp"
+"""
+
+
+@pytest.mark.slow
+def test_a_held_end_that_is_reached_by_sliding_is_inside(scene, solved):
+    """It faces nothing in the first steps: the same places are told of in all of them."""
+    run = solved(scene(OVER), STEPS=4)
+    assert run.status == 0, run.reason
+    said, = (line for line in run.summary["warnings"] if "inside what it meets" in line)
+    assert "boundary 31 at (-2, 0)" in said and "name 17 first" in said
+    assert re.search("by ([0-9.]+) in step 4", said)[1].startswith("0.1")

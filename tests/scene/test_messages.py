@@ -520,6 +520,21 @@ def test_numbers_that_no_label_has(said, formula, helper, words):
     assert words in said(("macro friction() F //", f"{helper}macro friction() {formula} //"))
 
 
+def test_an_argument_called_label_is_no_label(tmp_path):
+    """What it is compared with here are numbers of regions."""
+    path = tmp_path / "mine.edp"
+    text = SCENE
+    for old, new in (('subdomains("2x1");\nrectangle(0., 2., 0., 1.);',
+                      "body = square(2, 2, [2*x, y], region = 9);"),
+                     ("macro amplitude1(t) t //", "macro amplitude1(t) t //\n"
+                      "macro heavy(label) (label == 9 ? -1. : 0.) //\n"
+                      "macro bodyForce1() [0., heavy(region)] //")):
+        assert old in text
+        text = text.replace(old, new)
+    path.write_text(text)
+    assert freefem.export(path, tmp_path / "export", {"steps": "2"}).regions == [9, 9]
+
+
 @pytest.mark.parametrize("formula, helper, words", [
     ("(label = 1 ? 0.3 : 0.1)", "", "friction sets label by a single =; what compares has two: "
      "label == ..."),
@@ -785,6 +800,18 @@ def test_gaps_of_obstacles_and_of_pairs_that_ask_for_one_anothers_labels(tmp_pat
     path.write_text(text)
     said = compared.asked_elsewhere(path, freefem.export(path, tmp_path / "export", {"steps": "2"}))
     assert len(said) == bool(words) and words in "".join(said)
+
+
+def test_a_first_label_of_several_pairs_is_named_once(tmp_path):
+    path, text = tmp_path / "mine.edp", SCENE
+    law = "macro pairGap() (label == 1 ? 0.1 : 0.) //"
+    for old, new in (*ABOVE, ("friction() F //", f"friction() F //\n{law}"),
+                     ("contactPair() 5, 3 //", "contactPair() 5, 3, 5, 2 //")):
+        text = text.replace(old, new, 1)
+    path.write_text(text)
+    said, = compared.asked_elsewhere(path, freefem.export(path, tmp_path / "export",
+                                                          {"steps": "2"}))
+    assert "and not for 5, where it is" in said
 
 
 def test_laws_that_ask_for_first_labels_and_loads_for_any(tmp_path):
