@@ -92,10 +92,9 @@ def over_the_block(E, nu, friction, depth, R, way, middle, creep=None) -> Proble
         return (r - R) * r / (arm * (n[:, 0] - 1j * n[:, 1])).real
 
     def surface(x, since, t):
-        z, turn = x[:, 0] + 1j * x[:, 1], np.exp(1j * (angle(t) - angle(since)))
-        leaves = centre(t) + turn * (z - centre(since))  # of the point that was here
-        came = centre(since) + (z - centre(t)) / turn
-        moved = (leaves - came) / 2
+        # of the points that come by: their velocity, from the centre half way on average
+        arm = x[:, 0] + 1j * x[:, 1] - (centre(t) + centre(since)) / 2
+        moved = centre(t) - centre(since) + 1j * (angle(t) - angle(since)) * arm
         return np.column_stack([moved.real, moved.imag])
 
     held = [(side(1, -6.0), c, fixed) for c in (0, 1)]
