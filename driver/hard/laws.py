@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..contact.axis import on_axis
 from . import deformations
 from .oracle import Assembled
 
@@ -144,6 +145,9 @@ def violations(body: Assembled, manifest, contact: dict,
     turned = body.B @ body.motions
     told = np.concatenate([reported.u_n, reported.u_t], axis=1)
     u = fields @ body.B.T
+    if manifest.axisymmetric:  # nothing slides on the axis; the condition there sees what is beside
+        rows = len(body.xy) + np.flatnonzero(on_axis(body.xy[:, 0]))
+        told[:, rows] = u[:, rows]
     u += (turned @ np.linalg.lstsq(turned, (told - u).T, rcond=None)[0]).T
     u += _moved_by_little(body, turned, told - u, np.tile(scale, 2), np.abs(force).max())
     start = reported.u_t[:1] - reported.slip[:1] - body.ways()[:1]
