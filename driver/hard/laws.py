@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..contact.axis import on_axis
 from . import deformations
 from .oracle import Assembled
 
@@ -18,6 +17,7 @@ RESTS = 1e-6  # of the deformation: a gap that counts as closed, the accuracy of
 # part of the largest force on any body below which others are its rounding: what may be unbalanced
 # of it, 1e-6, is some last bits of the largest
 NOTHING = 1e-9
+AXIS = 1e-9  # of the body's extent: below that radius a node is on the axis
 NEARLY = 0.1  # part of a tangent beyond the normals where those of a mortar side depend nearly
 
 
@@ -146,7 +146,7 @@ def violations(body: Assembled, manifest, contact: dict,
     told = np.concatenate([reported.u_n, reported.u_t], axis=1)
     u = fields @ body.B.T
     if manifest.axisymmetric:  # nothing slides on the axis; the condition there sees what is beside
-        rows = len(body.xy) + np.flatnonzero(on_axis(body.xy[:, 0]))
+        rows = len(body.xy) + np.flatnonzero(body.xy[:, 0] <= AXIS * extent)
         told[:, rows] = u[:, rows]
     u += (turned @ np.linalg.lstsq(turned, (told - u).T, rcond=None)[0]).T
     u += _moved_by_little(body, turned, told - u, np.tile(scale, 2), np.abs(force).max())
