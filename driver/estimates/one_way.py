@@ -10,6 +10,7 @@ for quantities without.
 from ..quantity_table import LOCAL, QUANTITIES
 from .adjoint import SEES
 from .budget import Part, located
+from .mesh_counts import elements
 
 # power of the sides' ratio by which the number of triangles falls: 2 in all directions, 1 in one
 BOTH = 1.5
@@ -21,10 +22,7 @@ def one_way(problems: list, ratios: list[float]) -> bool:
     """
     if len(problems) < 2:
         return False
-    own = [sum(len(sub.triangles) for sub in problem.structure.subdomains)
-           for problem in problems[:2]]
-    fine, coarse = (sum(problem.operator.comm.allgather(count))
-                    for problem, count in zip(problems, own))
+    fine, coarse = (elements(problem)[0] for problem in problems[:2])
     return fine < coarse * ratios[0] ** BOTH
 
 

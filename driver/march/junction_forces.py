@@ -51,7 +51,7 @@ class JunctionForces:
         `rows` are the ContactRows; distances and slips are right to `rtol` times the `deformation`
         (owned,). Collective.
         """
-        return self._chosen(x, gradient, rows, deformation, rtol, comm, None)[0]
+        return self._shares(x, gradient, rows, deformation, rtol, comm, None)[0]
 
     def under_given(self, x: np.ndarray, gradient: np.ndarray, rows, deformation: np.ndarray,
                     rtol: float, comm, given: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -61,9 +61,9 @@ class JunctionForces:
         Then what slides is moved to the bound of its pressure. Returns the bounds, too: NaN but at
         junctions where the forces that displacements do not tell decide on friction of what slides.
         """
-        return self._chosen(x, gradient, rows, deformation, rtol, comm, given)
+        return self._shares(x, gradient, rows, deformation, rtol, comm, given)
 
-    def _chosen(self, x, gradient, rows, deformation, rtol: float, comm,
+    def _shares(self, x, gradient, rows, deformation, rtol: float, comm,
                 given: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """As `under_given`; without bounds that are `given` by Coulomb's law, as `shared`."""
         force, moved, size, (F, c), known = (np.sum(comm.allgather(own), axis=0) for own in (
@@ -104,8 +104,8 @@ class Found:
 
     `force`, `moved` (k, 2): normal and tangential forces, distances and slips, zero where they are
     none. `F`, `c` (k,) of Coulomb's law, `bound` (k,) of friction in the solution: by this law, or
-    `given`. `bilateral`, `wears` (k,) as of JunctionForces. Forces may miss laws
-    by a `slight` part of them: they are balanced no better, and it may take all of the laws.
+    `given`. `bilateral`, `wears` (k,) as of JunctionForces. Forces may miss laws by a `slight` part
+    of them: they are balanced no better, and it may take all of the laws.
     """
 
     force: np.ndarray

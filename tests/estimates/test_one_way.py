@@ -12,9 +12,10 @@ from driver.estimates.one_way import one_way, with_other_way
 
 def mesh(along: int, across: int):
     """A strip of two triangles a cell, in two subdomains."""
-    half = SimpleNamespace(triangles=range(along * across))
+    half = SimpleNamespace(triangles=range(along * across), edge_label=[])
     return SimpleNamespace(operator=SimpleNamespace(comm=MPI.COMM_SELF),
-                           structure=SimpleNamespace(subdomains=[half, half]))
+                           structure=SimpleNamespace(subdomains=[half, half]),
+                           manifest=SimpleNamespace(contact_labels=[]))
 
 
 @pytest.mark.parametrize("fine, coarse, ratio, one", [
