@@ -64,6 +64,50 @@ def aside(one: Callable[[], None]):
             process.join()
 
 
+class Series:
+    """one(0), one(1), ... in another process, in turn, while this one goes on, until `close`."""
+
+    def __init__(self, one: Callable[[int], object], count: int):
+        self._answers, (self._receiver, sender) = [], FORK.Pipe(duplex=False)
+        self._process = FORK.Process(target=_in_turn, args=(one, count, sender, os.getpid()),
+                                     daemon=True)
+        with contextlib.suppress(OSError):  # no process more
+            self._process.start()
+        sender.close()
+
+    def wait(self, number: int):
+        """What one(number) has returned, once it has; None where there will be no answer, for want
+        of memory say: then do it here, where its error is seen.
+        """
+        while len(self._answers) <= number:
+            try:
+                self._answers.append(self._receiver.recv())
+            except (EOFError, OSError):
+                return None
+        return self._answers[number]
+
+    def close(self) -> None:
+        """End what is still to be done, with the programs that it has started."""
+        if self._process.pid is not None:
+            self._process.terminate()
+            self._process.join()
+        self._receiver.close()
+
+
+def _in_turn(one: Callable[[int], object], count: int, sender, parent: int) -> None:
+    """What another process does for a Series; on a signal it stops programs that it waits for."""
+    def stop(*_) -> None:
+        raise SystemExit(1)
+
+    _on_signals(stop)
+    _end_with(parent)
+    try:
+        for number in range(count):
+            sender.send(one(number))
+    except BaseException:  # whatever it is, the process that waits meets it as well
+        raise SystemExit(1) from None
+
+
 def _quietly(one: Callable[[str], None], names: list[str], parent: int) -> None:
     """What another process does; it says nothing and ends at once where it cannot."""
     die_of_signals()
@@ -84,6 +128,11 @@ def _end_with(parent: int) -> None:
 
 def die_of_signals() -> None:
     """A signal ends this process without a word from now on; one that is ignored stays so."""
+    _on_signals(signal.SIG_DFL)
+
+
+def _on_signals(handler) -> None:
+    """Let a `handler` meet what ends this process; a signal that is ignored stays so."""
     for number in (signal.SIGINT, signal.SIGTERM):
         if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, signal.SIG_DFL)
+            signal.signal(number, handler)

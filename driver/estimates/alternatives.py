@@ -16,8 +16,10 @@ from ..results.contact_state import ContactState
 from ..scene import element_kinds
 from ..timing import memory_used
 from . import adaptivity, prices, refinement
-from .budget import Part, coarser, extrapolate, formal_order, ratio, vanishing
+from .budget import (Part, coarser, extrapolate, formal_order, mesh_knob, ratio,
+                     vanishing)
 from .caution import by_balance
+from .companions import coarser_sizes
 from .energy import EnergyEstimator
 from .free_peak import UNSEEN, Peaks
 from .jumps import Jumps
@@ -86,7 +88,8 @@ class Alternatives:
         if self.levels.refined:
             return self._of_cycles()
         own = self._own()
-        kinds = [kind for kind in (own, self._other(own), self._refined(own)) if kind]
+        refined = self._begun(self.companions.meshes[len(own.sizes) - 1])
+        kinds = [kind for kind in (own, self._other(own), self._refined(own, refined)) if kind]
         everything = [run for runs in self.took.values() for run in runs]
         for kind in kinds:
             kind.costs = Costs(self.run, self.took[kind.name], self.took[own.name], everything)
@@ -107,18 +110,13 @@ class Alternatives:
 
     def _other(self, own: Uniform) -> Uniform | None:
         """The other order of elements."""
-        element = OTHER.get(self.manifest.element)
-        if element is None:
+        others = of_other_elements(self.manifest)
+        if not others:
             return None
-        sizes, halvings = [own.sizes[0]], HALVINGS[element]
-        if element == "P1" and self._unknowns() > LARGE:
-            halvings = OF_LARGE
-        while len(sizes) <= max(halvings) and (size := coarser(self.knob, sizes[-1])):
-            sizes.append(size)
-        sizes = [sizes[min(k, len(sizes) - 1)] for k in halvings]
+        element = others[0]["element"]
         changes = {"element": element}
-        runs = {size: self.companions.level({self.knob: size, **changes}, self.stride, quiet=True)
-                for size in dict.fromkeys(sizes)}
+        runs = {mesh[self.knob]: self.companions.level(mesh, self.stride, quiet=True)
+                for mesh in others}
         sizes = [size for size, level in runs.items() if level]
         if not sizes:
             return None
@@ -159,11 +157,11 @@ class Alternatives:
         peaks = Peaks.of_level(level)
         return UNSEEN * peaks.largest if peaks.largest <= (1 + UNSEEN) * peaks.held else 0.0
 
-    def _refined(self, own: Uniform) -> Adaptive | None:
-        """Adaptive meshes, from the coarsest mesh of the run's kind."""
+    def _refined(self, own: Uniform, begun: tuple | None) -> Adaptive | None:
+        """Adaptive meshes, from the coarsest mesh of the run's kind; the first one has `begun`."""
         start = self.companions.meshes[len(own.sizes) - 1]
         try:
-            level, refined = self._refine(start)
+            level, refined = self._refine(start, begun)
         except DriverError:
             return None
         if level is None:
@@ -177,12 +175,27 @@ class Alternatives:
         return Adaptive("ADAPT", settings, [own.errors[-1], first],
                         [self._unknowns(**start), unknowns], ADAPTIVE[degree])
 
-    def _refine(self, start: dict):
-        """The run on the mesh that is refined once from that of `start`, and what names the mesh.
+    def _refine(self, start: dict, begun: tuple | None):
+        """The run on the mesh whose export has `begun`, and what names the mesh."""
+        if begun is None:
+            return None, {}
+        key = (("refined", start.get(self.knob, self.manifest.parameters[self.knob])),)
+        self.levels.problems[key] = self.levels.exported(*begun, key)
+        level = self.companions.level(dict(key), self.stride, quiet=True)
+        return level, dict(key)
+
+    def _begun(self, start: dict) -> tuple | None:
+        """What `exported` takes for the mesh that is refined once from that of `start`, None where
+        there is none. Its export begins, on another core.
         """
         coarse = self.companions.level(start, self.stride)
-        if coarse is None:
-            return None, {}
+        try:
+            return coarse and self._begin(start, coarse)
+        except DriverError:
+            return None
+
+    def _begin(self, start: dict, coarse) -> tuple:
+        """The same from the run `coarse` on the mesh of `start`. Raises DriverError."""
         problem, levels = self.levels.problem(**start), self.levels
         contact = ContactState(problem.operator, coarse.solver)
         kind = refinement.coarse(dataclasses.asdict(self.companions.settings))["estimator"]
@@ -198,10 +211,8 @@ class Alternatives:
             if levels.comm.rank == 0:
                 place.mkdir(parents=True)
                 adaptivity.next_mesh(stem, estimator, estimates)
-        key = (("refined", start.get(self.knob, self.manifest.parameters[self.knob])),)
-        levels.problems[key] = levels.exported(place / "export", start, stem, key)
-        level = self.companions.level(dict(key), self.stride, quiet=True)
-        return level, dict(key)
+        levels.export_ahead((place / "export", start, stem))
+        return place / "export", start, stem
 
     def _of_cycles(self) -> list[Adaptive]:
         """Cycles beyond those of a run that was refined itself."""
@@ -236,6 +247,27 @@ class Alternatives:
                              self.companions.jumps)
         return Quantity(self.name, value, steps, static, times, time.rate if time else 1.0, others,
                         jumps)
+
+
+def of_other_elements(manifest) -> list[dict]:
+    """Meshes of the other order of elements that a run gets companions on, finest first."""
+    element, knob = OTHER.get(manifest.element), mesh_knob(manifest.parameters)
+    if element is None:
+        return []
+    sizes, halvings = [manifest.parameters[knob]], HALVINGS[element]
+    if element == "P1" and 2 * manifest.nodes > LARGE:
+        halvings = OF_LARGE
+    while len(sizes) <= max(halvings) and (size := coarser(knob, sizes[-1])):
+        sizes.append(size)
+    sizes = dict.fromkeys(sizes[min(k, len(sizes) - 1)] for k in halvings)
+    return [{knob: size, "element": element} for size in sizes]
+
+
+def foreseen(manifest) -> list[dict]:
+    """Meshes of companions that a run with uniform elements most likely gets, in their order."""
+    knob = mesh_knob(manifest.parameters)
+    sizes = coarser_sizes(knob, manifest.parameters[knob])
+    return [*({knob: size} for size in sizes), *of_other_elements(manifest)]
 
 
 def price_list(companions, parts: dict, budget: dict, name: str, run: Measured, idle: float,

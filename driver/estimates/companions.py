@@ -70,9 +70,8 @@ class Companions:
     def _uniform(self) -> tuple[list[dict], list[float]]:
         """Meshes with elements twice and four times as long, as far as there are such."""
         sizes = [self.manifest.parameters[self.knob]]
-        for _ in range(2):
-            size = coarser(self.knob, sizes[-1])
-            if size is None or not self._meshed(size) or not self._coarser(size, sizes[-1]):
+        for size in coarser_sizes(self.knob, sizes[0]):
+            if not self._meshed(size) or not self._coarser(size, sizes[-1]):
                 break
             sizes.append(size)
         if len(sizes) == 1:
@@ -340,6 +339,14 @@ class Companions:
     def _order(self, source: str, name: str) -> float:
         """Formal order of a quantity's part."""
         return formal_order(source, self.manifest.element, name)
+
+
+def coarser_sizes(knob: str, size: float) -> list[float]:
+    """Sizes of elements twice and four times as long, as far as there are such."""
+    sizes = [size]
+    while len(sizes) < 3 and (size := coarser(knob, size)):
+        sizes.append(size)
+    return sizes[1:]
 
 
 def _known(parts: dict[str, Part]) -> bool:

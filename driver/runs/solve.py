@@ -1,5 +1,6 @@
 """The SPMD part of a run: loader, operator, time stepping and results on one communicator."""
 
+import contextlib
 import dataclasses
 import time
 import traceback
@@ -73,6 +74,15 @@ def run(directory: Path, request: Request, comm,
     writer = Writer(directory, problem.manifest, problem.operator, solver, request.fields)
     estimator = EnergyEstimator(problem.operator, problem.manifest, writer.contact,
                                 settings.estimator)
+    with _companions(directory, request, problem) as levels:
+        return _finished(directory, request, problem, solver, writer, estimator, levels, lap, idle)
+
+
+def _finished(directory: Path, request: Request, problem: Problem, solver: QuasistaticSolver,
+              writer: Writer, estimator: EnergyEstimator, levels, lap: Laps,
+              idle: float) -> tuple[int, str]:
+    """`run` from its first step on."""
+    comm, seconds = problem.operator.comm, lap.seconds
     resumed, before, failure = _march(directory, request, problem, solver, writer, estimator)
     lap("output")
     history = solver.history
@@ -88,7 +98,7 @@ def run(directory: Path, request: Request, comm,
     status, reason = (failure.exit_status, str(failure)) if failure else (0, "")
     writer.close()
 
-    content = summary.summarize(request, problem, solver, failure, settings, writer,
+    content = summary.summarize(request, problem, solver, failure, solver.settings, writer,
                                 summary.largest_memory(comm), seconds,
                                 resumed_after_step=resumed, validity=valid)
 
@@ -103,8 +113,30 @@ def run(directory: Path, request: Request, comm,
                                            "they did not come to their end"))
         if comm.rank == 0 and comm.size > 1:
             launch.write_answer(directory, status, reason)
-    leave(*_estimated(directory, request, problem, failure, writer, estimator, lap, idle))
+    leave(*_estimated(directory, request, problem, failure, writer, estimator, levels, lap, idle))
     return status, reason
+
+
+@contextlib.contextmanager
+def _companions(directory: Path, request: Request, problem: Problem):
+    """Meshes and runs to compare with, gone when a block ends; exports of those that are foreseen
+    begin, on another core. None where there will not be any.
+    """
+    if request.errors != "yes":
+        yield None
+        return
+    from ..estimates.alternatives import foreseen
+    from ..estimates.levels import Levels
+
+    settings = Settings(**{**request.settings, "uniqueness": "no"})
+    levels = Levels(Path(request.script), request.parameters, directory / "companions",
+                    problem.operator.comm, settings, [Path(place) for place in request.refined],
+                    request.without)
+    with contextlib.closing(levels):
+        if not request.refined:
+            levels.export_ahead(*((levels.place(**changes), changes)
+                                  for changes in foreseen(problem.manifest)))
+        yield levels
 
 
 def _book(ahead: Ahead, seconds: dict, comm) -> None:
@@ -251,7 +283,7 @@ def _estimated(directory: Path, request: Request, *parts) -> tuple[dict | None, 
 
 def _estimate(errors: dict, directory: Path, request: Request, problem: Problem,
               failure: DriverError | None, writer: Writer, estimator: EnergyEstimator,
-              lap: Laps, idle: float) -> None:
+              levels, lap: Laps, idle: float) -> None:
     """Fill the entry `errors` of the summary as far as `request` asks for it; collective."""
     if request.errors == "no" or failure and failure.exit_status in (1, 3):
         return
@@ -269,7 +301,7 @@ def _estimate(errors: dict, directory: Path, request: Request, problem: Problem,
     if request.errors == "yes" and not failure:
         with drawn_aside(directory, request, problem.manifest.nodes,
                          problem.operator.comm.size) as drawn:
-            _budget(errors, directory, request, problem, writer, estimator, lap, idle)
+            _budget(errors, request, problem, writer, estimator, levels, lap, idle)
             lap("estimates")
             if drawn():
                 lap("figures")
@@ -282,8 +314,8 @@ def _next_mesh(directory: Path, estimator: EnergyEstimator, estimates: list) -> 
             adaptivity.next_mesh(directory / refinement.STEM, estimator, estimates)
 
 
-def _budget(errors: dict, directory: Path, request: Request, problem: Problem, writer: Writer,
-            estimator: EnergyEstimator, lap: Laps, idle: float) -> None:
+def _budget(errors: dict, request: Request, problem: Problem, writer: Writer,
+            estimator: EnergyEstimator, levels, lap: Laps, idle: float) -> None:
     """Fill `errors` with the budget of the quantities of interest, from companions of the finished
     run and adjoint problems, and with prices.
 
@@ -292,25 +324,19 @@ def _budget(errors: dict, directory: Path, request: Request, problem: Problem, w
     from ..estimates import adjoint
     from ..estimates.alternatives import price_list
     from ..estimates.companions import Companions, assess
-    from ..estimates.levels import Levels
     from ..estimates.prices import Measured
 
-    settings = Settings(**{**request.settings, "uniqueness": "no"})
-    comm, cycles = writer.operator.comm, writer.solver.cycles
-    levels = Levels(Path(request.script), request.parameters, directory / "companions", comm,
-                    settings, [Path(place) for place in request.refined], request.without,
-                    cycles and cycles.past.plan,
-                    Watch(request.scene, request.quiet or comm.rank > 0))
+    cycles = writer.solver.cycles
+    levels.plan = cycles and cycles.past.plan
+    levels.watch = Watch(request.scene, request.quiet or writer.operator.comm.rank > 0)
     took, record = Measured.of(lap.seconds, problem.manifest), writer.record
     values, at = record.quantities()
     step = estimator.kept(at + 1)
-    try:
-        adjoints = adjoint.assess(problem, record, step, values, lambda: estimator.body)
-        companions = Companions(levels, problem, settings, record, adjoints, errors["energy"], step)
-        parts = assess(errors, companions)
-        errors["adjoint"] = adjoints[1]
-        errors["energy"] |= of_time(errors["quantities"], errors["energy"])
-        errors["prices"] = price_list(companions, parts, errors["quantities"], request.quantity,
-                                      took, idle, lambda: time.perf_counter() - lap.last)
-    finally:
-        levels.close()
+    adjoints = adjoint.assess(problem, record, step, values, lambda: estimator.body)
+    companions = Companions(levels, problem, levels.settings, record, adjoints, errors["energy"],
+                            step)
+    parts = assess(errors, companions)
+    errors["adjoint"] = adjoints[1]
+    errors["energy"] |= of_time(errors["quantities"], errors["energy"])
+    errors["prices"] = price_list(companions, parts, errors["quantities"], request.quantity,
+                                  took, idle, lambda: time.perf_counter() - lap.last)

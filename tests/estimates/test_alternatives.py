@@ -31,6 +31,7 @@ class Scene:
         self.strides = SimpleNamespace(of_coarse_meshes=2, up_to=lambda wanted: wanted,
                                        misses=lambda stride: False)
         self.manifest = SimpleNamespace(parameters={knob: size}, element=element)
+        self.manifest.nodes = self.nodes({})
         self.values, self.levels, self.spent = {"slip": self.value({}, 1)}, self, {}
         self.asked = []
 
@@ -68,14 +69,18 @@ class Scene:
         of = Alternatives(self, {"mesh": {"slip": Part(error, rate=rate)}}, "slip", run)
         start = self.meshes[-1]
 
-        def refined(mesh):
-            assert mesh == start
+        def refined(mesh, begun):
+            assert mesh == begun == start
             if not refine:
                 raise NotConverged("too coarse")
             key = {"refined": mesh.get(self.knob, self.size)}
             return self.level(key, 4), key
 
-        of._refine = refined
+        def begun(mesh):
+            self.asked.append(("refined mesh", 1, True))
+            return mesh
+
+        of._begun, of._refine = begun, refined
         return of, {kind.name: kind for kind in of.kinds()}
 
 
@@ -180,6 +185,13 @@ def test_a_refined_mesh_goes_on_from_the_coarsest():
             "export": 1.0, "setup": 0.25, "solve": 2.5})]
         for each in kinds.values():  # all have the run's constant, their own factors
             assert each.costs.run(1e4, 10) > 0
+
+
+def test_a_refined_mesh_is_made_while_other_elements_are_run():
+    scene = Scene("P1")
+    scene.kinds()
+    meshes = [mesh for mesh, *_ in scene.asked]
+    assert meshes.index("refined mesh") < min(k for k, m in enumerate(meshes) if "element" in m)
 
 
 @pytest.mark.parametrize("cycles", [1, 2, 3, 4])

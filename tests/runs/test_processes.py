@@ -1,14 +1,17 @@
-"""Figures drawn by several processes: each once, and what one cannot draw, this one does."""
+"""Figures drawn by several processes, each once, and work done ahead of this process in turn; what
+others cannot do, this one does.
+"""
 
 import multiprocessing
 import os
 import signal
 import subprocess
 import sys
+import time
 
 import pytest
 
-from driver import processes
+from driver import children, processes
 
 NAMES = ["geometry", "loading", "deformed", "history", "convergence"]
 
@@ -75,8 +78,9 @@ def test_an_error_is_that_of_this_process_and_leaves_no_process_behind():
 
 @pytest.mark.parametrize("start", [
     "with processes.aside(wait): wait()",
-    "processes.share(wait, ['first', 'other'], 2)"])
-def test_a_process_that_draws_ends_with_the_one_it_draws_for(start):
+    "processes.share(wait, ['first', 'other'], 2)",
+    "processes.Series(wait, 1); wait()"])
+def test_a_process_that_helps_ends_with_the_one_it_helps(start):
     """It holds the lock of the result directory, and nobody waits for what it draws."""
     script = f"""
 import os, signal
@@ -95,3 +99,43 @@ def wait(*_):
         except subprocess.TimeoutExpired:
             os.kill(other, signal.SIGKILL)
             raise
+
+
+def test_another_process_does_one_after_the_other():
+    """Answers may be asked for in any order, and more than once."""
+    series = processes.Series(lambda number: (number, os.getpid()), 3)
+    answers = [series.wait(number) for number in (2, 0, 1, 0)]
+    series.close()
+    assert [number for number, _ in answers] == [2, 0, 1, 0]
+    assert len({by for _, by in answers} - {os.getpid()}) == 1
+    assert not multiprocessing.active_children()
+
+
+@pytest.mark.parametrize("end", [fail, lambda _: os.kill(os.getpid(), signal.SIGKILL)])
+def test_what_another_process_has_not_come_to_has_no_answer(capfd, end):
+    series = processes.Series(lambda number: end(number) if number else "done", 3)
+    assert [series.wait(number) for number in range(3)] == ["done", None, None]
+    series.close()
+    assert capfd.readouterr() == ("", "")
+
+
+def test_where_there_is_no_process_more_there_are_no_answers(monkeypatch):
+    def refuse(_process) -> None:
+        raise BlockingIOError(11, "Resource temporarily unavailable")
+
+    monkeypatch.setattr(processes.FORK.Process, "start", refuse)
+    series = processes.Series(abs, 2)
+    assert series.wait(1) is None
+    series.close()
+
+
+def test_a_program_that_works_ahead_has_ended_once_a_series_is_closed(tmp_path):
+    """Its folder is removed next."""
+    code = f"import time; open({str(tmp_path / 'at-work')!r}, 'w').close(); time.sleep(60)"
+    series = processes.Series(
+        lambda _: children.run_child([sys.executable, "-c", code]).returncode, 1)
+    while not (tmp_path / "at-work").exists():
+        time.sleep(0.01)
+    series.close()
+    listed = subprocess.run(["ps", "-eo", "args"], capture_output=True, text=True, check=True)
+    assert str(tmp_path / "at-work") not in listed.stdout
