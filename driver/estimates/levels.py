@@ -102,9 +102,9 @@ class Levels:
     def export_ahead(self, *exports: tuple) -> None:
         """Have another core make `exports` in turn, each with the arguments of `exported`.
 
-        Nothing is done where the ranks keep the cores busy.
+        Nothing is done where ranks keep the cores busy.
         """
-        if self.comm.rank or self.comm.size >= CORES:
+        if self.comm.size > 1 or CORES == 1:
             return
         series = Series(lambda k: self._exported_ahead(*exports[k]), len(exports))
         self._ahead |= {place: (series, k) for k, (place, *_) in enumerate(exports)}
