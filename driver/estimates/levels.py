@@ -5,8 +5,6 @@ Collective over one communicator; the root rank alone starts FreeFEM, with one r
 """
 
 import dataclasses
-import resource
-import shutil
 import time
 from pathlib import Path
 
@@ -16,18 +14,12 @@ from ..errors import DriverError, agree, file_error
 from ..march.problem import Problem, assemble
 from ..march.quasistatic import QuasistaticSolver
 from ..options import Settings
-from ..processes import CORES, Series
 from ..results.record import Record
 from ..results.relinearization import linearized
 from ..results.touch import Touch
-from ..scene import freefem
+from .exports import Exports, spelled
 from .mesh_counts import elements
 from .refinement import STEM
-
-
-def spelled(value: float | str) -> str:
-    """A parameter as on the command line."""
-    return value if isinstance(value, str) else f"{value:.17g}"
 
 
 def samples(manifest, stride: int) -> np.ndarray:
@@ -89,35 +81,23 @@ class Levels:
         1, ... `without`: effects treated as undeclared. `plan`: cycles of the run that were jumped
         over after each. `watch`: what runs/watch.py has in place of Unwatched.
         """
-        self.scene, self.parameters, self.settings = scene, parameters, settings
-        self.folder, self.comm, self.refined, self.without = folder, comm, refined, without
+        self.parameters, self.folder, self.comm = parameters, folder, comm
+        self.settings, self.refined = settings, refined
         self.plan, self.watch = plan, watch
+        self._exports = Exports(scene, parameters, without, folder)
         self.problems: dict = {}
         self.runs: dict = {}
         self.seconds = dict.fromkeys(("export", "setup", "solve"), 0.0)
         self.spent: dict = {}  # by problem: those of its export and its set-up
         self.products = 0
-        self._ahead: dict = {}  # by place: the series that exports ahead, and the number there
 
     def export_ahead(self, *exports: tuple) -> None:
-        """Have another core make `exports` in turn, each with the arguments of `exported`.
+        """Have another core make `exports`, each with the arguments of `exported`, one by one.
 
         Nothing is done where ranks keep the cores busy.
         """
-        if self.comm.size > 1 or CORES == 1:
-            return
-        series = Series(lambda k: self._exported_ahead(*exports[k]), len(exports))
-        self._ahead |= {place: (series, k) for k, (place, *_) in enumerate(exports)}
-
-    def _exported_ahead(self, place: Path, *what) -> float | None:
-        """Processor seconds of an export, without waiting for other processes; None if it fails."""
-        before = _of_programs()
-        try:
-            self._export(place, *what)
-        except (DriverError, OSError):
-            shutil.rmtree(place, ignore_errors=True)
-            return None
-        return _of_programs() - before
+        if self.comm.size == 1:
+            self._exports.ahead(*exports)
 
     def place(self, **changes) -> Path:
         """Directory of the export with some parameters changed."""
@@ -156,20 +136,16 @@ class Levels:
         `sizes`: stem of a field of element sizes; `key` of the problem, by default the changes.
         Raises DriverError where it is refused.
         """
-        error, clock, ahead = None, time.perf_counter(), None
+        error, spent = None, {"export": 0.0}
         if self.comm.rank == 0:
             try:
-                if place in self._ahead:
-                    series, number = self._ahead[place]
-                    ahead = series.wait(number)
-                if ahead is None:
-                    self._export(place, changes, sizes)
+                spent["export"] = self._exports.made(place, changes, sizes)
             except DriverError as refusal:
                 error = refusal
             except OSError as failure:
                 error = file_error(failure, f"writing the export failed: {failure.strerror}")
         agree(self.comm, error)
-        spent = {"export": time.perf_counter() - clock if ahead is None else ahead}
+        spent = self.comm.bcast(spent)
         clock = time.perf_counter()
         problem = linearized(assemble(place, self.comm), self.settings, self.comm)
         spent["setup"] = time.perf_counter() - clock
@@ -177,11 +153,6 @@ class Levels:
         for stage, seconds in spent.items():
             self.seconds[stage] += seconds
         return problem
-
-    def _export(self, place: Path, changes: dict, sizes: Path | None = None) -> None:
-        words = {name: spelled(value) for name, value in changes.items()}
-        freefem.export(self.scene, place, {**self.parameters, **words}, sizes=sizes,
-                       without=self.without)
 
     def run(self, settings: Settings, stride: int = 1, plan=None, **changes) -> Level:
         """The run with `settings` on every `stride`-th time. Raises DriverError if it fails.
@@ -221,13 +192,5 @@ class Levels:
 
     def close(self) -> None:
         """Remove what is left of the exports, and end those that are under way."""
-        for series in {series for series, _ in self._ahead.values()}:
-            series.close()
         if self.comm.rank == 0:
-            shutil.rmtree(self.folder, ignore_errors=True)
-
-
-def _of_programs() -> float:
-    """Processor seconds of the programs that this process has started."""
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
+            self._exports.close()

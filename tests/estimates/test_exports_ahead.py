@@ -1,25 +1,29 @@
-"""Companions whose scenes another core exports while the run is solved."""
+"""Exports of companions that another core makes while the run is solved."""
 
 import json
+import time
 
 import pytest
-from mpi4py import MPI
 
-from driver.estimates import levels as module
+from driver.errors import DriverError
+from driver.estimates import exports as module
+from driver.estimates.exports import Exports
 from driver.estimates.levels import Levels
 from driver.options import Settings
 from driver.scene import freefem
 
+COARSE, FINE = {"h": 0.8}, {"h": 0.4}
+
 
 @pytest.fixture
-def levels(tmp_path, monkeypatch):
-    """levels(scene, **parameters): those of a machine with a core to spare."""
+def exports(tmp_path, monkeypatch):
+    """exports(**parameters): those of a scene, on a machine with a core to spare."""
     monkeypatch.setattr(module, "CORES", 2)
     made = []
 
-    def make(scene, **parameters):
-        made.append(Levels(freefem.find_scene(scene), parameters, tmp_path / str(len(made)),
-                           MPI.COMM_SELF, Settings()))
+    def make(**parameters) -> Exports:
+        made.append(Exports(freefem.find_scene("indenter"), parameters, (),
+                            tmp_path / str(len(made))))
         return made[-1]
 
     yield make
@@ -27,54 +31,74 @@ def levels(tmp_path, monkeypatch):
         one.close()
 
 
-def said(place) -> str:
+def said(place) -> dict:
     """What an export says of itself."""
     return json.loads((place / "manifest.json").read_text())
 
 
-def test_what_is_foreseen_is_exported_once_and_alike(levels, monkeypatch):
-    ahead, plain, wanted = levels("indenter"), levels("indenter"), {"h": 0.4}
-    place = ahead.place(**wanted)
-    ahead.export_ahead((place, wanted))
-    series, number = ahead._ahead[place]
-    assert series.wait(number) > 0
-    monkeypatch.setattr(ahead, "_export", None)  # it is not asked again
-    problem = ahead.problem(**wanted)
-    other = plain.problem(**wanted)
-    assert said(place) == said(plain.place(**wanted))
-    assert problem.manifest.nodes == other.manifest.nodes
-    assert ahead.spent[("h", 0.4),]["export"] == series.wait(number)
+def test_what_is_asked_for_later_is_made_once_and_alike(exports, monkeypatch):
+    ahead, plain = exports(), exports()
+    place, other = ahead.folder / "fine", plain.folder / "fine"
+    ahead.ahead((place, FINE))
+    monkeypatch.setattr(ahead, "_make", None)  # not here
+    assert ahead.made(place, FINE) > 0
+    plain.made(other, FINE)
+    assert said(place) == said(other)
 
 
-def test_what_cannot_be_exported_ahead_is_refused_as_ever(levels):
-    """Whoever asks for it gets the reason; nothing of the first trial is left."""
-    of = levels("indenter", wrong="1")
-    of.export_ahead((of.place(h=0.4), {"h": 0.4}))
-    assert of._ahead[of.place(h=0.4)][0].wait(0) is None
-    assert not of.place(h=0.4).exists()
-    with pytest.raises(module.DriverError, match="WRONG"):
-        of.problem(h=0.4)
+def test_what_cannot_be_made_ahead_is_refused_where_it_is_asked_for(exports):
+    """With the reason; nothing of the first trial is left."""
+    of = exports(wrong="1")
+    place = of.folder / "fine"
+    of.ahead((place, FINE))
+    series, number = of._ahead[place]
+    assert series.wait(number) is None and not place.exists()
+    with pytest.raises(DriverError, match="WRONG"):
+        of.made(place, FINE)
 
 
-def test_what_is_not_foreseen_is_exported_where_it_is_asked_for(levels):
-    of = levels("indenter")
-    of.export_ahead((of.place(h=0.4), {"h": 0.4}))
-    assert of.problem(h=0.8).manifest.parameters["h"] == 0.8
-
-
-def test_a_core_is_needed_for_it(levels, monkeypatch):
+def test_a_core_is_needed_for_it(exports, monkeypatch):
     monkeypatch.setattr(module, "CORES", 1)
-    of = levels("indenter")
-    of.export_ahead((of.place(h=0.4), {"h": 0.4}))
-    assert not of._ahead and of.problem(h=0.4).manifest.parameters["h"] == 0.4
+    of = exports()
+    of.ahead((of.folder / "fine", FINE))
+    assert not of._ahead
+    of.made(of.folder / "fine", FINE)
+    assert said(of.folder / "fine")["parameters"]["h"] == 0.4
 
 
-def test_nothing_is_left_of_exports_that_nobody_asked_for(levels):
-    of = levels("indenter")
-    of.export_ahead(*((of.place(h=size), {"h": size}) for size in (0.4, 0.2, 0.1)))
-    of._ahead[of.place(h=0.4)][0].wait(0)
+def test_nothing_is_left_of_exports_that_nobody_asked_for(exports):
+    of = exports()
+    of.ahead((of.folder / "coarse", COARSE), (of.folder / "fine", FINE))
+    series, number = of._ahead[of.folder / "coarse"]
+    series.wait(number)
     of.close()
     assert not of.folder.exists()
+
+
+def test_one_export_at_a_time_and_what_is_waited_for_comes_soon(exports, monkeypatch, tmp_path):
+    """Scenes may call programs that leave files of one name."""
+    order, busy = tmp_path / "order", tmp_path / "busy"
+
+    def make(_self, place, *_) -> None:
+        busy.mkdir()  # fails where another one is at work
+        with open(order, "a", encoding="utf-8") as file:
+            file.write(f"{place.name}\n")
+        time.sleep(0.02)
+        busy.rmdir()
+
+    monkeypatch.setattr(Exports, "_make", make)
+    of = exports()
+    first, second = ([of.folder / f"{name}{k}" for k in range(6)] for name in "ab")
+    for places in first, second:
+        of.ahead(*((place, {}) for place in places))
+    while not order.exists():
+        time.sleep(0.001)
+    of.made(of.folder / "waited for", {})
+    for place in first + second:
+        assert of.made(place, {}) is not None
+    assert len(order.read_text().splitlines()) == 13  # none was made again for want of an answer
+    # behind those that were under way or waited before it
+    assert order.read_text().splitlines().index("waited for") < 6
 
 
 @pytest.mark.parametrize("element", ["P1", pytest.param("P2", marks=pytest.mark.slow)])
@@ -86,11 +110,20 @@ def test_a_run_asks_for_what_was_foreseen(command_here, monkeypatch, tmp_path, e
         asked.append(None if sizes else changes)
         return exported(self, place, changes, sizes, key)
 
-    monkeypatch.setattr(module, "CORES", 2)
     monkeypatch.setattr(Levels, "exported", ask)
     monkeypatch.setattr(Levels, "export_ahead", lambda self, *exports: wanted.extend(
         changes for _, changes, *sizes in exports if not sizes))
-    done = command_here("run", "SCENE=indenter", f"ELEMENT={element}", "H=1", "FIGURES=no",
+    done = command_here("run", "SCENE=pressfit", f"ELEMENT={element}", "FIGURES=no",
                         "FIELDS=no", f"OUT={tmp_path / 'out'}")
     assert done.returncode == 0, done.stderr
     assert wanted and [changes for changes in asked if changes in wanted] == wanted
+
+
+def test_several_ranks_make_nothing_ahead(tmp_path, monkeypatch):
+    """They keep the cores busy."""
+    class Two:
+        """A communicator's size."""
+        size = 2
+
+    monkeypatch.setattr(Exports, "ahead", None)
+    Levels(freefem.find_scene("indenter"), {}, tmp_path, Two(), Settings()).export_ahead()
