@@ -33,6 +33,7 @@ UNLOOKED = ("the part of the time step was not looked at: it takes runs with mor
 STIFFLY = 0.25  # of the displacement, by which one more mesh makes it larger
 TIGHTER = 100.0  # tolerances of the companions that tell what those of the run leave
 LEFT = 2.0  # safety of what they tell: another mesh answers by chance with more or less
+SKIPPING = {2: "in every second step", 4: "in every fourth step"}
 EARNED = 1e-8  # residuals that rounding still lets a companion reach
 
 
@@ -116,9 +117,9 @@ class Companions:
         try:
             return self.levels.run(settings or self.settings, stride, plan, **mesh)
         except DriverError as problem:
-            words = " ".join(name_of(*change) for change in mesh.items())
             if not quiet:
-                self.notes.append(f"companion {words}: {problem}")
+                tighter = settings is not None and settings != self.settings
+                self.notes.append(f"{_called(mesh, stride, tighter)}: {problem}")
             return None
 
     def _values(self, mesh: dict, stride: int = 1, settings: Settings | None = None) -> dict | None:
@@ -310,15 +311,21 @@ class Companions:
 
         On the coarser mesh and in fewer steps they change less: what each step leaves adds up, and
         contact forces answer to a residual like the condition of their problem, one over the size
-        of elements. Resultants that the loads give by balance do neither.
+        of elements. Resultants that the loads give by balance do neither. Fewer steps may have no
+        solution where those of the run have one, as where they miss the load that clamps a body:
+        then it is these.
         """
-        loose, stride = dataclasses.replace(self.settings, **first), self.strides.up_to(4)
-        scale = stride * (self.ratios[0] if self.base else 1.0)
-        before, after = (self._settled(stride, settings)
-                         for settings in (loose, dataclasses.replace(loose, **then)))
-        if before is None or after is None:
+        loose, said = dataclasses.replace(self.settings, **first), len(self.notes)
+        for stride in dict.fromkeys((self.strides.up_to(4), 1)):
+            del self.notes[said:]
+            before, after = (self._settled(stride, settings)
+                             for settings in (loose, dataclasses.replace(loose, **then)))
+            if before is not None and after is not None:
+                break
+        else:
             unknown = Part(None, note="the companion with tighter tolerances failed")
             return dict.fromkeys(self.values, unknown)
+        scale = stride * (self.ratios[0] if self.base else 1.0)
         return {name: Part(LEFT * (1.0 if name in self.given else scale)
                            * abs(before[name] - after[name])) for name in self.values}
 
@@ -342,6 +349,14 @@ class Companions:
         return formal_order(source, self.manifest.element, name)
 
 
+def _called(mesh: dict, stride: int, tighter: bool) -> str:
+    """What a note calls a companion on a `mesh`, in every `stride`-th step of the run."""
+    steps = [SKIPPING[stride]] if stride in SKIPPING else []
+    tolerances = ["with tighter tolerances"] if tighter else []
+    return " ".join(["companion", *(name_of(*change) for change in mesh.items()), *steps,
+                     *tolerances])
+
+
 def _known(parts: dict[str, Part]) -> bool:
     """Whether any of the `parts` has an error."""
     return any(part.error is not None for part in parts.values())
@@ -362,5 +377,5 @@ def assess(entry: dict, companions: Companions) -> dict[str, dict[str, Part]]:
     budget = {name: summed({source: part[name] for source, part in parts.items()}, value)
               for name, value in companions.values.items()}
     said = advice(budget, companions.remedies(), companions.doubtful(parts))
-    entry |= {"quantities": budget, "advice": said, "notes": companions.notes}
+    entry |= {"quantities": budget, "advice": said, "notes": list(dict.fromkeys(companions.notes))}
     return parts

@@ -291,6 +291,32 @@ def test_where_tolerances_cannot_be_tightened_residuals_stay():
     assert found.error is None and "tighter tolerances failed" in found.note
 
 
+def test_where_fewer_steps_have_no_solution_tolerances_are_told_by_those_of_the_run():
+    """As where they miss the load that clamps a body; what failed on the way is no note then."""
+    of, asked = companions(), []
+
+    def run(settings, stride, plan=None, **mesh):
+        asked.append(stride)
+        if stride > 1:
+            raise NotConverged("free to move off")
+        return SimpleNamespace(values={"slip": settings.rtol})
+
+    of.levels.run, of.manifest.steps, of.ratios, of.given = run, 8, [2.0], set()
+    found = of._algebraic({}, {"rtol": 1e-10})["slip"]
+    assert found.error == pytest.approx(2 * 2.0 * (Settings().rtol - 1e-10))
+    assert 4 in asked and asked[-2:] == [1, 1] and not of.notes
+
+
+def test_notes_of_companions_say_in_which_steps_and_with_which_tolerances_they_were_run():
+    of = companions(fails=(1, 2, 4))
+    of._values({"h": 2}, 4)
+    of._values({"h": 2}, 2, of.settings)
+    of._values({"h": 2}, 1, Settings(rtol=1e-10))
+    assert [note.split(":")[0] for note in of.notes] == [
+        "companion H=2 in every fourth step", "companion H=2 in every second step",
+        "companion H=2 with tighter tolerances"]
+
+
 def test_a_run_that_failed_is_not_tried_again():
     levels, tried = object.__new__(Levels), []
     levels.runs, levels.plan = {}, None
