@@ -12,7 +12,7 @@ from ..results.record import Record
 from . import caution, jumps, unresolved
 from .between_steps import Strides, finer, more_steps, of_earlier_moment
 from .budget import (OF_TIME, Part, coarser, extrapolate, falls, formal_order, located,
-                     main_quantity, mesh_knob, name_of, of_one_step, ratio, summed)
+                     main_quantity, mesh_knob, name_of, of_one_step, ratio, summed, vanishing)
 from .budget_words import advice
 from .free_peak import Peaks
 from .levels import Level, Levels, samples
@@ -145,7 +145,7 @@ class Companions:
 
     def doubtful(self, parts: dict[str, dict[str, Part]]) -> set[str]:
         """Sources of which no run tells that their `remedies` lower the main error."""
-        name = main_quantity(self.values)
+        name = main_quantity(self.values, vanishing(self.values))
         jump = {"time"} if more_steps(self.manifest) is None else set()
         return jump | {source for source, part in parts.items() if not falls(part[name])}
 

@@ -110,6 +110,17 @@ def test_advice_is_of_the_largest_part(parts, words):
     assert budget_words.advice(both, remedies, {"time"}) == words.replace("9 would", "9 may")
 
 
+def test_advice_is_not_of_a_resultant_that_is_rounding():
+    """Of contact that pulls as it presses: whose errors are all of it."""
+    entry = {"mesh": 0.1, "total": 0.1, "relative": 0.1}
+    budget_of = {"displacement": entry | {"value": 1.0}, "peak_pressure": entry | {"value": 0.8},
+                 "contact_length": entry | {"value": 40.0},
+                 "normal_resultant": entry | {"value": 1e-13}}
+    assert "displacement" in budget_words.advice(budget_of, {"mesh": "H=1"})
+    budget_of["normal_resultant"] = entry | {"value": 3.0}
+    assert "normal resultant" in budget_words.advice(budget_of, {"mesh": "H=1"})
+
+
 # ------------------------------------------------------------------------------ energy
 
 def test_roots_of_the_bound():
@@ -251,6 +262,11 @@ def test_what_is_zero_but_for_tolerances():
     assert "slip" in budget.vanishing(values | {"slip": 4e-4}, errors)
     assert budget.vanishing(values | {"slip": 1e-8}) >= {"slip", "worn_volume"}
     assert budget.vanishing({"displacement": 1.0}) == set()
+    # of bilateral contact, in which pulling and pressing may cancel
+    pulled = {"normal_resultant": -1e-13, "peak_pressure": 0.8, "contact_length": 40.0}
+    assert budget.vanishing(pulled) == {"normal_resultant"}
+    assert not budget.vanishing(pulled | {"normal_resultant": 1e-3})
+    assert not budget.vanishing(dict.fromkeys(pulled, 0.0))  # nothing touches
 
 
 def test_jumps_half_as_long_tell_what_jumps_leave():
