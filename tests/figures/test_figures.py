@@ -592,6 +592,15 @@ def test_normal_panels(run, drawn):
         run.contact["sigma_n"][-21:].min() / 1e6) and stress.max() <= 0
 
 
+def test_worn_surfaces_are_as_far_as_gap_and_worn_depth(run):
+    """Which is what u_n is at most there."""
+    worn = run.contact | {"wear": np.full(len(run.contact["gap"]), 1e-3)}
+    figure = figures.compose("contact_normal", dataclasses.replace(run, contact=worn))
+    assert "gap and worn depth" in legend_words(figure)
+    (line,) = [line for line in figure.axes[1].lines if line.get_label() == "gap and worn depth"]
+    np.testing.assert_allclose(line.get_ydata(), 1e6 * (run.contact["gap"][-21:] + 1e-3))
+
+
 def test_tangential_panels(drawn):
     figure = drawn["contact_tangential"]
     above, below = figure.axes
