@@ -31,6 +31,7 @@ UNTRIED = "no run with more steps to compare with"
 UNLOOKED = ("the part of the time step was not looked at: it takes runs with more steps, and with "
             "no part of the mesh known there would be no total")
 STIFFLY = 0.25  # of the displacement, by which one more mesh makes it larger
+MOVED = 0.02  # of the displacement, by which it may change where supports prescribe it
 TIGHTER = 100.0  # tolerances of the companions that tell what those of the run leave
 LEFT = 2.0  # safety of what they tell: another mesh answers by chance with more or less
 SKIPPING = {2: "in every second step", 4: "in every fourth step"}
@@ -219,17 +220,26 @@ class Companions:
         return [(own, first), *((of(1, stride), of(2, stride)) for _ in range(pairs - 1))]
 
     def _stiff(self) -> list[str]:
-        """A note where linear triangles are, by far, too stiff: a finer mesh moves by much more."""
+        """A note where linear triangles are, by far, too stiff: a finer mesh moves by much more, or
+        where it moves as supports have it much less force does that.
+        """
         coarse = self._values(self.meshes[1]) if len(self.meshes) > 1 else None
         if self.manifest.element != "P1" or coarse is None:
             return []
         way = self.values["displacement"]
         change = way - coarse["displacement"]
-        if change <= STIFFLY * abs(way):
+        force = abs(self.values.get("normal_resultant", 0.0))
+        less = abs(coarse.get("normal_resultant", 0.0)) - force
+        if change > STIFFLY * abs(way):
+            said = f"displacement grew by {100 * change / way:.0f} % of it"
+            still = "grow on"
+        elif less > STIFFLY * force > 0 and abs(change) <= MOVED * abs(way):
+            said = f"normal resultant fell by {100 * less / force:.0f} % of it"
+            still = "fall on"
+        else:
             return []
-        return ["linear triangles may be too stiff, as they are in bending: the displacement grew "
-                f"by {100 * change / way:.0f} % of it from the next coarser mesh, and may grow on; "
-                "ELEMENT=P2"]
+        return [f"linear triangles may be too stiff, as they are in bending: the {said} from the "
+                f"next coarser mesh, and may {still}; ELEMENT=P2"]
 
     def _time(self, wanted: bool = True) -> dict[str, Part]:
         """Every second and fourth time; without friction only the instant counts.

@@ -252,6 +252,17 @@ def test_linear_triangles_that_may_be_too_stiff_are_named(element, coarse, said)
     assert ["ELEMENT=P2" in line for line in of._stiff()] == [True] * said
 
 
+@pytest.mark.parametrize("coarse, force, said", [
+    (1.0, 2.0, True), (1.0, 1.1, False), (1.0, 0.5, False), (0.9, 2.0, False)])
+def test_linear_triangles_that_prescribed_displacements_bend_are_named_by_the_force(
+        coarse, force, said):
+    """Which falls much from the next coarser mesh, on which supports move as much."""
+    of = companions(meshes=[{}, {"h": 2.0}],
+                    values={"displacement": 1.0, "normal_resultant": 1.0})
+    of._values = lambda mesh: {"displacement": coarse, "normal_resultant": force}
+    assert ["fell by 100 %" in line for line in of._stiff()] == [True] * said
+
+
 def test_what_is_zero_but_for_tolerances():
     """Shear, slip and work beside force and displacement, or beside errors of their own size."""
     values = {"normal_resultant": 2.0, "displacement": 0.5, "tangential_resultant": 1e-7,
