@@ -196,6 +196,8 @@ class Summary:
         "largest_normal_error": "distance of closed nodes from what they meet, at displaced places "
                                 "and as used, over the contact length",
         "normal_turn": "angle between the normals there and as used, in rad",
+        "largest_swelling": "part of what a body between others is squeezed by that comes of its "
+                            "turning alone",
         "largest_slide": "way of closed nodes along another body since the start, over the "
                          "contact length; 0 where contact follows it",
         "overlaps": "[label, label, depth over the body's size] of boundaries without declared "
