@@ -532,6 +532,10 @@ def test_loading_shows_where_obstacles_go(run):
     alone = figures.compose("loading", own(amplitudes={}, obstacle_motion={"3": moved["3"]}))
     assert len(alone.axes) == 2 and legend_words(alone) == ["shift in $x$", "angle"]
     assert "loading" not in figures.wanted(own(amplitudes={}))
+    # one obstacle of two moves: which one is said
+    one = own(amplitudes={}, obstacle_motion={"3": moved["3"]},
+              boundaries=[{"boundary": "3"}, {"boundary": "4"}])
+    assert legend_words(figures.compose("loading", one))[0] == "shift in $x$, label 3"
 
 
 def test_history_may_start_at_step_one_and_have_empty_cells(tmp_path):
