@@ -33,7 +33,8 @@ def split_unit(unit: str) -> tuple[int, str | None]:
 
 def fault(length: str, stress: str, **_) -> str:
     """Why these can be no names of a scene's units of length and stress; "" if they can."""
-    for name, kind, others in ((length, "length", ("Pa", "N", "J")), (stress, "stress", ("m",))):
+    for name, kind, others in ((length, "length", ("Pa", "N", "J")),
+                               (stress, "stress", ("m", "N", "J"))):
         if re.fullmatch(r"[+-]?[\d.,]+([eE][+-]?\d+)?", name) and name not in NONE:
             return f'"{name}" is a number, no name of a unit of {kind}'
         if split_unit(name)[1] in others or name in OTHERS[kind]:

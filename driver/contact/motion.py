@@ -30,6 +30,7 @@ class ObstacleMotion:
     # and when
     missed: dict[str, tuple[float, float]] = field(default_factory=dict)
     again: int = 0
+    own: bool = False  # whether distances have a history of their own beside shifts and angles
 
     def gap_at(self, time: float) -> np.ndarray:
         """(n,) distances at one of the `times`, or of their repetitions."""
@@ -90,14 +91,16 @@ class ObstacleMotion:
     def histories(self, nodes: np.ndarray) -> dict[str, list[float]]:
         """What moves the obstacle that `nodes` of one label meet: shift_x, shift_y, angle.
 
-        Values at `times`, those that are zero all along left out; where none is left, distance,
-        that of the nearest node, if it changes.
+        Values at `times`, those that are zero all along left out; where none is left, or distances
+        do not follow from them, distance, that of the nearest node, if it changes.
         """
         shift = self.shift[:, nodes[0]]
         known = {"shift_x": shift[:, 0], "shift_y": shift[:, 1], "angle": self.angle[:, nodes[0]]}
         moving = {name: values.tolist() for name, values in known.items() if values.any()}
         nearest = self.gap[:, nodes].min(axis=1)
-        return moving or ({"distance": nearest.tolist()} if np.ptp(nearest) > 0 else {})
+        if np.ptp(nearest) > 0 and (self.own or not moving):
+            moving["distance"] = nearest.tolist()
+        return moving
 
     def index(self, time: float) -> int:
         """Place of the nearest of the `times`, or of the one that a later time repeats."""

@@ -55,7 +55,8 @@ class Room(Effect):
         missed = {macro: _missed(columns, name, values) for macro, name, values in (
             ("obstacleX", "obstacle_x", shift[..., 0]), ("obstacleY", "obstacle_y", shift[..., 1]),
             ("obstacleAngle", "obstacle_angle", angle)) if f"{name}_missed" in columns}
-        motion = ObstacleMotion(times, gap, shift, angle, pivot, nodes.xy, tangent, missed)
+        motion = ObstacleMotion(times, gap, shift, angle, pivot, nodes.xy, tangent, missed,
+                                own="gap_in_time@0" in columns)
         if cycles := self.manifest.rooms.get("cycles"):
             motion.again = cycles["start"]
             if not motion.returns():

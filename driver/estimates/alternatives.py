@@ -16,10 +16,9 @@ from ..results.contact_state import ContactState
 from ..scene import element_kinds
 from ..timing import memory_used
 from . import adaptivity, prices, refinement
-from .budget import (Part, coarser, extrapolate, formal_order, mesh_knob, ratio,
+from .budget import (Part, coarser, coarser_sizes, extrapolate, formal_order, mesh_knob, ratio,
                      vanishing)
 from .caution import by_balance
-from .companions import coarser_sizes
 from .energy import EnergyEstimator
 from .free_peak import UNSEEN, Peaks
 from .jumps import Jumps

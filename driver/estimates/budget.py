@@ -45,6 +45,7 @@ Coulomb friction.
 """
 
 import dataclasses
+from collections.abc import Collection
 
 import numpy as np
 
@@ -68,6 +69,7 @@ STILL = 1e-3  # the same at places where there may be no limit, of three meshes 
 EXACT = 1e-5  # ... and of two, which agree by chance
 ALONE = "no coarser run to compare with"
 SINGULAR = "does not converge under refinement: it may be singular, or the mesh too coarse"
+CANCELLED = 1e-9  # of the peak pressure times the length: bilateral contact pulls as it presses
 VANISHED = 1e-6  # of what its unit suggests: a quantity that is zero but for tolerances
 SMALL = 1e-3  # of it: one that is zero but for an error as large as itself
 
@@ -84,9 +86,12 @@ def formal_order(source: str, element: str, name: str, chords: bool = False,
     return QUANTITIES[name].order_in_time if source == "time" else FORMAL[source]
 
 
-def main_quantity(values: dict) -> str:
-    """The quantity for a run that names none: normal resultant, or displacement."""
-    return "normal_resultant" if "normal_resultant" in values else "displacement"
+def main_quantity(values: dict, zero: Collection[str] = ()) -> str:
+    """The quantity for a run that names none: normal resultant, or displacement where there is none
+    or it is among those that are `zero`, as that of contact which pulls as well.
+    """
+    pressed = "normal_resultant" in values and "normal_resultant" not in zero
+    return "normal_resultant" if pressed else "displacement"
 
 
 # ---- one part ------------------------------------------------------------------------------------
@@ -210,7 +215,8 @@ def vanishing(values: dict[str, float], errors: dict | None = None) -> set[str]:
     """
     force, way = abs(values.get("normal_resultant", 0.0)), abs(values.get("displacement", 0.0))
     scales = {"tangential_resultant": force, "dissipated_energy": force * way, "slip": way}
-    zero = set()
+    pressing = abs(values.get("peak_pressure", 0.0)) * values.get("contact_length", 0.0)
+    zero = {"normal_resultant"} if 0 < pressing and force <= CANCELLED * pressing else set()
     for name, scale in scales.items():
         size = abs(values.get(name, np.inf))
         error = (errors or {}).get(name)
@@ -232,6 +238,14 @@ def coarser(knob: str, size: float) -> float | None:
     if knob == "cells":
         return (size + 1) // 2 if size > 1 else None
     return 2 * size
+
+
+def coarser_sizes(knob: str, size: float) -> list[float]:
+    """Sizes of elements twice and four times as long, as far as there are such."""
+    sizes = [size]
+    while len(sizes) < 3 and (size := coarser(knob, size)):
+        sizes.append(size)
+    return sizes[1:]
 
 
 def ratio(knob: str, coarse: float, fine: float) -> float:

@@ -15,7 +15,9 @@ def advice(quantities: dict, remedies: dict[str, str], doubtful=()) -> str:
     """One sentence: the largest part of the main error and which of `remedies` lowers it; of a
     `doubtful` source, whose error finer runs have not been seen to lower, which may.
     """
-    name = main_quantity(quantities)
+    zero = vanishing({name: entry["value"] for name, entry in quantities.items()
+                      if "value" in entry})
+    name = main_quantity(quantities, zero)
     entry = quantities[name]
     parts = {source: entry[source] for source in SOURCES if source in entry}
     missing = [source for source, error in parts.items() if error is None]

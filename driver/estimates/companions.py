@@ -11,8 +11,8 @@ from ..options import Settings
 from ..results.record import Record
 from . import caution, jumps, unresolved
 from .between_steps import Strides, finer, more_steps, of_earlier_moment
-from .budget import (OF_TIME, Part, coarser, extrapolate, falls, formal_order, located,
-                     main_quantity, mesh_knob, name_of, of_one_step, ratio, summed)
+from .budget import (OF_TIME, Part, coarser_sizes, extrapolate, falls, formal_order, located,
+                     main_quantity, mesh_knob, name_of, of_one_step, ratio, summed, vanishing)
 from .budget_words import advice
 from .free_peak import Peaks
 from .levels import Level, Levels, samples
@@ -31,8 +31,10 @@ UNTRIED = "no run with more steps to compare with"
 UNLOOKED = ("the part of the time step was not looked at: it takes runs with more steps, and with "
             "no part of the mesh known there would be no total")
 STIFFLY = 0.25  # of the displacement, by which one more mesh makes it larger
+MOVED = 0.02  # of the displacement, by which it may change where supports prescribe it
 TIGHTER = 100.0  # tolerances of the companions that tell what those of the run leave
 LEFT = 2.0  # safety of what they tell: another mesh answers by chance with more or less
+SKIPPING = {2: "in every second step", 4: "in every fourth step"}
 EARNED = 1e-8  # residuals that rounding still lets a companion reach
 
 
@@ -115,9 +117,9 @@ class Companions:
         try:
             return self.levels.run(settings or self.settings, stride, plan, **mesh)
         except DriverError as problem:
-            words = " ".join(name_of(*change) for change in mesh.items())
             if not quiet:
-                self.notes.append(f"companion {words}: {problem}")
+                tighter = settings is not None and settings != self.settings
+                self.notes.append(f"{_called(mesh, stride, tighter)}: {problem}")
             return None
 
     def _values(self, mesh: dict, stride: int = 1, settings: Settings | None = None) -> dict | None:
@@ -143,7 +145,7 @@ class Companions:
 
     def doubtful(self, parts: dict[str, dict[str, Part]]) -> set[str]:
         """Sources of which no run tells that their `remedies` lower the main error."""
-        name = main_quantity(self.values)
+        name = main_quantity(self.values, vanishing(self.values))
         jump = {"time"} if more_steps(self.manifest) is None else set()
         return jump | {source for source, part in parts.items() if not falls(part[name])}
 
@@ -217,17 +219,26 @@ class Companions:
         return [(own, first), *((of(1, stride), of(2, stride)) for _ in range(pairs - 1))]
 
     def _stiff(self) -> list[str]:
-        """A note where linear triangles are, by far, too stiff: a finer mesh moves by much more."""
+        """A note where linear triangles are, by far, too stiff: a finer mesh moves by much more, or
+        where it moves as supports have it much less force does that.
+        """
         coarse = self._values(self.meshes[1]) if len(self.meshes) > 1 else None
         if self.manifest.element != "P1" or coarse is None:
             return []
         way = self.values["displacement"]
         change = way - coarse["displacement"]
-        if change <= STIFFLY * abs(way):
+        force = abs(self.values.get("normal_resultant", 0.0))
+        less = abs(coarse.get("normal_resultant", 0.0)) - force
+        if change > STIFFLY * abs(way):
+            said = f"displacement grew by {100 * change / way:.0f} % of it"
+            still = "grow on"
+        elif less > STIFFLY * force > 0 and abs(change) <= MOVED * abs(way):
+            said = f"normal resultant fell by {100 * less / force:.0f} % of it"
+            still = "fall on"
+        else:
             return []
-        return ["linear triangles may be too stiff, as they are in bending: the displacement grew "
-                f"by {100 * change / way:.0f} % of it from the next coarser mesh, and may grow on; "
-                "ELEMENT=P2"]
+        return [f"linear triangles may be too stiff, as they are in bending: the {said} from the "
+                f"next coarser mesh, and may {still}; ELEMENT=P2"]
 
     def _time(self, wanted: bool = True) -> dict[str, Part]:
         """Every second and fourth time; without friction only the instant counts.
@@ -309,15 +320,21 @@ class Companions:
 
         On the coarser mesh and in fewer steps they change less: what each step leaves adds up, and
         contact forces answer to a residual like the condition of their problem, one over the size
-        of elements. Resultants that the loads give by balance do neither.
+        of elements. Resultants that the loads give by balance do neither. Fewer steps may have no
+        solution where those of the run have one, as where they miss the load that clamps a body:
+        then it is these.
         """
-        loose, stride = dataclasses.replace(self.settings, **first), self.strides.up_to(4)
-        scale = stride * (self.ratios[0] if self.base else 1.0)
-        before, after = (self._settled(stride, settings)
-                         for settings in (loose, dataclasses.replace(loose, **then)))
-        if before is None or after is None:
+        loose, said = dataclasses.replace(self.settings, **first), len(self.notes)
+        for stride in dict.fromkeys((self.strides.up_to(4), 1)):
+            del self.notes[said:]
+            before, after = (self._settled(stride, settings)
+                             for settings in (loose, dataclasses.replace(loose, **then)))
+            if before is not None and after is not None:
+                break
+        else:
             unknown = Part(None, note="the companion with tighter tolerances failed")
             return dict.fromkeys(self.values, unknown)
+        scale = stride * (self.ratios[0] if self.base else 1.0)
         return {name: Part(LEFT * (1.0 if name in self.given else scale)
                            * abs(before[name] - after[name])) for name in self.values}
 
@@ -341,12 +358,12 @@ class Companions:
         return formal_order(source, self.manifest.element, name)
 
 
-def coarser_sizes(knob: str, size: float) -> list[float]:
-    """Sizes of elements twice and four times as long, as far as there are such."""
-    sizes = [size]
-    while len(sizes) < 3 and (size := coarser(knob, size)):
-        sizes.append(size)
-    return sizes[1:]
+def _called(mesh: dict, stride: int, tighter: bool) -> str:
+    """What a note calls a companion on a `mesh`, in every `stride`-th step of the run."""
+    steps = [SKIPPING[stride]] if stride in SKIPPING else []
+    tolerances = ["with tighter tolerances"] if tighter else []
+    return " ".join(["companion", *(name_of(*change) for change in mesh.items()), *steps,
+                     *tolerances])
 
 
 def _known(parts: dict[str, Part]) -> bool:
@@ -369,5 +386,5 @@ def assess(entry: dict, companions: Companions) -> dict[str, dict[str, Part]]:
     budget = {name: summed({source: part[name] for source, part in parts.items()}, value)
               for name, value in companions.values.items()}
     said = advice(budget, companions.remedies(), companions.doubtful(parts))
-    entry |= {"quantities": budget, "advice": said, "notes": companions.notes}
+    entry |= {"quantities": budget, "advice": said, "notes": list(dict.fromkeys(companions.notes))}
     return parts

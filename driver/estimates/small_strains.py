@@ -16,11 +16,12 @@ class SmallStrains:
 
     `largest` are of each measure the largest value and its place (2,); of the subdomains of all
     ranks, zero for others, `areas` (total,) and `beyond` (measures, limits, total) the areas where
-    a measure exceeds a limit.
+    a measure exceeds a limit, `turns` (total,) integrals of the rotation, counterclockwise.
     """
 
     areas: np.ndarray
     beyond: np.ndarray
+    turns: np.ndarray
     largest: dict[str, tuple[float, tuple]] = field(default_factory=dict)
 
     @classmethod
@@ -29,7 +30,7 @@ class SmallStrains:
         """By displacements (dofs,) of each of the `subdomains`, which are further turned by
         `turned` (k,); `limits` (measures, limits).
         """
-        found = cls(np.zeros(total), np.zeros((*limits.shape, total)))
+        found = cls(np.zeros(total), np.zeros((*limits.shape, total)), np.zeros(total))
         first = 0
         for last in _ends(subdomains):
             found._add(subdomains[first:last], fields[first:last], turned[first:last], limits)
@@ -45,11 +46,12 @@ class SmallStrains:
         if subs[0].axisymmetric:
             hoop = [kinematics.strains(sub, u)[:, 3] for sub, u in zip(subs, fields)]
             strain = np.maximum(strain, np.abs(np.concatenate(hoop)))
-        turn = np.abs(turn + np.repeat(turned, counts))
+        turn = turn + np.repeat(turned, counts)
         area, start = elements.areas(corner), np.cumsum([0, *counts[:-1]])
         own = [sub.index for sub in subs]
         self.areas[own] = np.add.reduceat(area, start)
-        for m, (name, values) in enumerate(zip(MEASURES, (strain, turn))):
+        self.turns[own] = np.add.reduceat(turn * area, start)
+        for m, (name, values) in enumerate(zip(MEASURES, (strain, np.abs(turn)))):
             k = values.argmax()
             if name not in self.largest or values[k] > self.largest[name][0]:
                 self.largest[name] = float(values[k]), tuple(corner[k].mean(axis=0).tolist())

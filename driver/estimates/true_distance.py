@@ -9,6 +9,7 @@ between neighbouring feet, beyond the ends an arc of the curvature there.
 import numpy as np
 
 from ..contact.curve import CHUNK, Curve
+from ..contact.nodes import TURN
 from ..scene.elements import cross
 from ..vectors import turned_left
 
@@ -130,3 +131,12 @@ def _cross(one: np.ndarray, two: np.ndarray, start: np.ndarray, end: np.ndarray,
     back = [cross(chords, of[one] - start[two]) for of in (start, end)]
     result[near] = ~shared & (side[0] * side[1] < 0) & (back[0] * back[1] < 0)
     return result
+
+
+def largest_bend(start: np.ndarray, end: np.ndarray) -> float:
+    """Largest angle between edges (s, 2) that follow one another, corners apart."""
+    chord = (end - start) / np.linalg.norm(end - start, axis=1)[:, None]
+    known = {tuple(place): k for k, place in enumerate(start)}
+    after = np.array([known.get(tuple(place), -1) for place in end])
+    cosine = (chord[after >= 0] * chord[after[after >= 0]]).sum(axis=1)
+    return float(np.arccos(np.clip(cosine[cosine > TURN], -1.0, 1.0)).max(initial=0.0))

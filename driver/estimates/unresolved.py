@@ -103,8 +103,8 @@ def alike(runs: list) -> list:
     more than the finer mesh has of it.
     """
     def same(fine, coarse):
-        return all(abs(coarse[name] - fine[name]) <= APART * abs(fine[name])
-                   for name in ALIKE if name in fine)
+        named = [name for name in ALIKE if name in fine and name not in vanishing(fine)]
+        return all(abs(coarse[name] - fine[name]) <= APART * abs(fine[name]) for name in named)
 
     return runs[: next((k for k, pair in enumerate(runs) if not same(*pair)), len(runs))]
 

@@ -11,6 +11,8 @@ rotation  largest rotation of a triangle. It counts 1 - cos as strain, and turns
 normals   of closed nodes: distance from the obstacle or the other body, measured at the displaced
           places, less the distance that the contact conditions used, over the contact length; and
           the angle between the normal there and the one that was used (`normal_turn`)
+swelling  what a body that contact holds from two sides grows by as it turns, as rotations are
+          linear, over what it is squeezed by (swelling.py)
 slide     of closed nodes on another body: how far they are along it from where their forces act on
           it, over the contact length (`largest_slide`); nothing where contact follows the motion
 overlaps  boundaries without declared contact that penetrate, of two bodies or of one, by more than
@@ -35,13 +37,15 @@ from ..contact.states import OPEN, ContactField
 from ..feti.gathering import gather, joined
 from ..scene import elements
 from ..vectors import turned_left
-from . import true_distance
+from . import swelling, true_distance
 from .small_strains import MEASURES, SmallStrains
 
 QUESTIONABLE = {"largest_strain": 0.1, "largest_rotation": 0.1, "largest_normal_error": 0.01,
-                "normal_turn": 0.1, "largest_slide": 0.1, "overlaps": 0.0, "gap": 0.5}
+                "normal_turn": 0.1, "largest_slide": 0.1, "largest_swelling": 0.1, "overlaps": 0.0,
+                "gap": 0.5}
 INVALID = {"largest_strain": 0.3, "largest_rotation": 0.35, "largest_normal_error": 0.1,
-           "normal_turn": 0.35, "largest_slide": 1.0, "overlaps": 0.02, "gap": 2.0}
+           "normal_turn": 0.35, "largest_slide": 1.0, "largest_swelling": 0.5, "overlaps": 0.02,
+           "gap": 2.0}
 SPOT = 1e-2
 TOUCH = 1e-3  # part of a body's size by which bodies may overlap unnoticed
 VERDICTS = ("ok", "questionable", "invalid")
@@ -58,6 +62,9 @@ WORDS = {
                     "{remedy}"),
     "largest_slide": ("a node in contact slides along the other body by {:.2g} of the contact "
                       "length", "contact is linear about the place before the load", "{remedy}"),
+    "largest_swelling": ("{:.2g} of what squeezes the body comes of its turning by {turn:.2g} rad",
+                         "rotations are taken for small",
+                         "less turning, or a code for large rotations"),
     "overlaps": ("{labels} overlap by {:.2g} of the body's size",
                  "contact is not declared there", "declare contact there, or smaller loads"),
     "gap": ("the {other} reaches through the body by {:.2g} of its size",
@@ -122,6 +129,7 @@ class Validity:
             return
         if len(self.boundary.gid):
             self._check_contact(step, state, place, moved)
+            self._check_swelling(step, state, moved)
         passed = state[ContactField.U_N] - self.boundary.at(step.time).gap + self.boundary.behind
         self._check_overlaps(step, place, moved, passed[self.boundary.paired].max(initial=0.0))
 
@@ -137,7 +145,9 @@ class Validity:
             for name, (value, center) in of_rank.items():
                 self.note(name, value, center, step.index)
         beyond, areas = self.comm.allreduce(found.beyond), self.comm.allreduce(found.areas)
-        whole = np.bincount(self.member, areas)[self.member]
+        whole, turns = (np.bincount(self.member, values, self.member.max() + 1)
+                        for values in (areas, self.comm.allreduce(found.turns)))
+        self.turns, whole = turns / np.where(whole > 0, whole, 1.0), whole[self.member]
         for m, name in enumerate(MEASURES):
             for g in (0, 1):
                 share = np.bincount(self.member, beyond[m, g])[self.member] / whole
@@ -189,6 +199,17 @@ class Validity:
                 k = int(values.argmax())
                 self.note(name, values[k], xy[k], step.index, paired=bool(b.paired[here[0]]))
 
+    def _check_swelling(self, step, state: dict, moved: np.ndarray) -> None:
+        if self.problem.manifest.axisymmetric:  # whose sections are held by their hoops
+            return
+        edges, partners = self.structure.outer_edges, {}
+        for one, two in self.problem.manifest.contact_pairs:
+            partners.setdefault(one, []).extend(
+                np.unique(self.body[edges[edges[:, 2] == two, 0]]).tolist())
+        for value, more, place in swelling.of_bodies(self.boundary, state, moved, self.body,
+                                                     self.turns, partners):
+            self.note("largest_swelling", value, place, step.index, **more)
+
     def _followed(self, step, moved: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distances (n_c,) and the contact's normals (n_c, 2) about displacements (nodes, 2)."""
         following = self.boundary.following
@@ -217,7 +238,7 @@ class Validity:
         start, end = np.where(back, end, start), np.where(back, start, end)
 
         mine = np.isin(edges[:, 2], self.boundary.label[touching])
-        facets = sum(_largest_bend(place[a], place[b]) / 2
+        facets = sum(true_distance.largest_bend(place[a], place[b]) / 2
                      for a, b in ((start, end), edges[mine, :2].T))
         turned = self._turned(mine, place, moved)[self.boundary.gid[touching]]
 
@@ -348,7 +369,7 @@ class Validity:
         name = max(grade, key=lambda name: (grade[name], excess[name]))
         entry = {measure: worst[measure].value for measure in
                  ("largest_strain", "largest_rotation", "largest_normal_error", "normal_turn",
-                  "largest_slide")}
+                  "largest_slide", "largest_swelling")}
         entry |= {"overlaps": overlaps, "verdict": VERDICTS[grade[name]], "reason": ""}
         if grade[name]:
             entry["reason"] = self._reason(name, worst[name])
@@ -369,15 +390,6 @@ class Validity:
 def _angle(normal: np.ndarray, used: np.ndarray) -> np.ndarray:
     """(n,) angles between normals (n, 2) of what is met and those of the body, which oppose."""
     return np.arccos(np.clip(-(normal * used).sum(axis=1), -1.0, 1.0))
-
-
-def _largest_bend(start: np.ndarray, end: np.ndarray) -> float:
-    """Largest angle between edges (s, 2) that follow one another, corners apart."""
-    chord = (end - start) / np.linalg.norm(end - start, axis=1)[:, None]
-    known = {tuple(place): k for k, place in enumerate(start)}
-    after = np.array([known.get(tuple(place), -1) for place in end])
-    cosine = (chord[after >= 0] * chord[after[after >= 0]]).sum(axis=1)
-    return float(np.arccos(np.clip(cosine[cosine > TURN], -1.0, 1.0)).max(initial=0.0))
 
 
 def assess(problem, contact, considered: list[tuple]) -> dict:

@@ -192,15 +192,19 @@ def _theory(axes, rows: dict, column: str, arc: np.ndarray, scale: Scale) -> lis
 
 
 def normal_displacement(axes, rows: dict, arc: np.ndarray, scale: Scale) -> list:
-    """u_n and the gap over arc; a gap far beyond u_n is cut rather than flattening u_n."""
-    u, gap = rows["u_n"] * scale.factor, rows["gap"] * scale.factor
+    """u_n over arc, and what it is at most: the gap, of surfaces that wear with the worn depth. One
+    far beyond u_n is cut rather than flattening u_n.
+    """
+    worn = rows.get("wear", np.zeros_like(arc))
+    u, gap = rows["u_n"] * scale.factor, (rows["gap"] + worn) * scale.factor
+    name = "gap and worn depth" if "wear" in rows else "gap"
     closed = rows["status"] != "open"
     matter = np.concatenate([u, gap[closed] if closed.any() else [np.nanmin(gap)]])
     matter = matter[np.isfinite(matter)]
     margin = 0.08 * (np.ptp(matter) or 1.0)
     axes.set_ylim(matter.min() - margin, matter.max() + margin)
     axes.set_ylabel(rf"$u_n$ [{scale.label}]")
-    return (axes.plot(arc, gap, color=INK, ls=(0, (4, 2)), lw=1.0, label="gap")
+    return (axes.plot(arc, gap, color=INK, ls=(0, (4, 2)), lw=1.0, label=name)
             + axes.plot(arc, u, color=BLUE, label="displacement $u_n$", **curve_style(len(arc))))
 
 

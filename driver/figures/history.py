@@ -60,11 +60,12 @@ def load_histories(run: Run) -> dict[str, dict]:
                          for name, values in amplitudes.items()}
     lengths = [values for of in motions.values() for name, values in of.items() if name != "angle"]
     scale = length_scale(run, np.concatenate(lengths)) if lengths else None
+    several = len(motions) > 1 or len(run.summary.get("boundaries", [])) > 1  # or some stand still
     for label, histories in motions.items():
         for name, values in histories.items():
             turns = name == "angle"
             title = "obstacle turned\nby [rad]" if turns else f"obstacle [{scale.label}]"
-            of = f", label {label}" if len(motions) > 1 else ""
+            of = f", label {label}" if several else ""
             curve = f"{WORDS[name]}{of}"
             groups.setdefault(title, {})[curve] = np.array(values) * (1 if turns else scale.factor)
     return groups

@@ -78,7 +78,9 @@ class HeldNodes:
         if self._slip_law is not None:
             self._relative = self._relative + slip
             self.way.add(np.arange(len(slip)), slip, force)
-            bound = bound * self._slip_law.factor_at(self._relative, self.way.slid)
+            given = law.friction_bound(np.zeros_like(force))  # cohesion, or a given bound
+            factor = self._slip_law.factor_at(self._relative, self.way.slid)
+            bound = given + (bound - given) * factor
         self.friction = friction_of_held(held, bound, slip, self.friction, reach)
         return bound
 

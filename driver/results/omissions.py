@@ -32,6 +32,9 @@ def warnings(boundary: ContactBoundary, declared, displacements: list[float],
         said.append("nothing moves: no load, prescribed displacement or overlap acts on the bodies")
     if "normal_compliance" in declared:
         said += _half_rough(boundary)
+    if "slip_law" in declared and not boundary.columns["friction"].any():
+        said.append("the factor of slip changes nothing: the coefficient of friction that it "
+                    "multiplies is zero everywhere, and cohesion does not change with slip")
     if "gap" not in declared and len(boundary.gid):
         said += _overlaps(boundary)
         if not SHAPED & set(declared):

@@ -19,7 +19,7 @@ def write_outline(path: Path, manifest: Manifest, structure: Substructure, comm)
     subs = structure.subdomains
     outline = np.zeros(manifest.nodes, bool)
     outline[structure.outer_edges[:, :2]] = outline[structure.outer_middles] = True
-    gid, xy, around, pushed, push = [], [], [], [], []
+    gid, xy, around, pushed, push, sprung = [], [], [], [], [], []
     for sub in subs:
         near = outline[sub.node_gid]
         if not near.any():  # as of most of many
@@ -28,12 +28,15 @@ def write_outline(path: Path, manifest: Manifest, structure: Substructure, comm)
         xy.append(sub.xy[near])
         edges = sub.node_gid[sub.triangles[:, [0, 1, 1, 2, 2, 0]]].reshape(-1, 2)
         around.append(edges[outline[edges].all(axis=1)])  # counterclockwise
+        if sub.springs is not None:
+            sprung.append(sub.node_gid[near & sub.springs.any(axis=1)])
         where, force = _pushes(sub, manifest)
         pushed.append(where)
         push.append(force)
     parts = comm.gather((joined(gid, np.int64), joined(xy, float, 2), constrained_keys(structure),
                          _moves(structure), joined(around, np.int64, 2) @ [manifest.nodes, 1],
-                         joined(pushed, np.int64), joined(push, float, 2)))
+                         joined(pushed, np.int64), joined(push, float, 2),
+                         joined(sprung, np.int64)))
     with agreed_writes(comm):
         if comm.rank == 0:
             write_rows(path, header(BOUNDARY), _rows(manifest, structure, parts))
@@ -60,8 +63,10 @@ def _pushes(sub, manifest: Manifest) -> tuple[np.ndarray, np.ndarray]:
 def _rows(manifest: Manifest, structure: Substructure, parts: list[tuple]) -> list[list]:
     """Rows of the table from the `parts` that every rank has gathered."""
     place, fixed, moved = np.zeros((3, manifest.nodes, 2))
-    for gid, xy, keys, moves, *_ in parts:
+    on_springs = np.zeros(manifest.nodes, bool)
+    for gid, xy, keys, moves, *_, sprung in parts:
         place[gid] = xy
+        on_springs[sprung] = True
         fixed.ravel()[keys], moved.ravel()[keys] = 1, moves
     edges = structure.outer_edges.copy()
     around, pushed, push = (np.concatenate([part[k] for part in parts]) for k in (4, 5, 6))
@@ -79,13 +84,16 @@ def _rows(manifest: Manifest, structure: Substructure, parts: list[tuple]) -> li
     start, end, label = edges.T
     whole = {name: fixed[edges[label == name, :2]].min(axis=(0, 1))
              for name in np.unique(label).tolist()}  # a support holds a label, not its neighbours
-    sprung = manifest.rooms.get("springs", {}).get("labels", [])
+    founded = manifest.rooms.get("springs", {}).get("labels", [])
+    # where its stiffness is zero a foundation is none
+    carried = np.isin(label, founded) & on_springs[edges[:, :2]].all(axis=1)
     joined_labels = {label for kind in ("tie", "periodic")
                      for pair in manifest.rooms.get(kind, {}).get("labels", []) for label in pair}
     motion = (moved[start] + moved[end]) / 2
     rows = []
-    for points, edge, move, pull in zip(_points(place, edges, structure.outer_middles),
-                                        label.tolist(), motion, traction.tolist()):
+    for points, edge, move, pull, on_spring in zip(
+            _points(place, edges, structure.outer_middles), label.tolist(), motion,
+            traction.tolist(), carried.tolist()):
         held = whole[edge]
         if edge in paired:
             role = "pair"
@@ -93,7 +101,7 @@ def _rows(manifest: Manifest, structure: Substructure, parts: list[tuple]) -> li
             role = "contact"
         elif held.any():
             role = "support"
-        elif edge in sprung:
+        elif on_spring:
             role = "springs"
         elif edge in joined_labels:
             role = "joined"

@@ -178,7 +178,8 @@ class Summary:
     quantities_time: float | None = entry("the time they belong to", "time", optional=True)
     obstacle_motion: dict | None = entry(
         "of every label that meets an obstacle which moves: its shift_x, shift_y and angle, as far "
-        "as they are not zero, at the start and after every step, else the nearest node's distance",
+        "as they are not zero, at the start and after every step; where all are, or distances do "
+        "not follow from them (gapInTime), the nearest node's distance",
         "length, rad", optional=True)
     periods: list | None = entry("of bodies in pairs that repeat themselves: [x, y] by which",
                                  "length", optional=True)
@@ -195,6 +196,8 @@ class Summary:
         "largest_normal_error": "distance of closed nodes from what they meet, at displaced places "
                                 "and as used, over the contact length",
         "normal_turn": "angle between the normals there and as used, in rad",
+        "largest_swelling": "part of what a body between others is squeezed by that comes of its "
+                            "turning alone",
         "largest_slide": "way of closed nodes along another body since the start, over the "
                          "contact length; 0 where contact follows it",
         "overlaps": "[label, label, depth over the body's size] of boundaries without declared "

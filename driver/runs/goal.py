@@ -232,7 +232,7 @@ class Search(Trials):
         self._skip_equal()
         second = self.sizes[-1]
         values = self.values(second)
-        self.name = self.name or main_quantity(values)
+        self.name = self.name or main_quantity(values, vanishing(values))
         if self.name not in values:
             raise InputError(f"ACCURACY is asked of '{self.name}', which is none of the scene's "
                              f"quantities: {', '.join(values)}")

@@ -203,10 +203,22 @@ class Trials:
         return self.reference
 
     def _left(self, size) -> tuple[dict, dict]:
-        """Parts of the error that tolerances leave on a mesh, and quantities there."""
-        stride = max(self.stride, min(self.total, SAMPLING * FEWEST))
-        return left(lambda settings: self.values(size, stride, settings), self.settings,
-                    self._tightest(), self.effects.pressure_bounds_friction)
+        """Parts of the error that tolerances leave on a mesh, and quantities there.
+
+        By few steps, or where these have no solution, as where they miss the load that clamps a
+        body, by those of the search.
+        """
+        def by(stride: int) -> tuple[dict, dict]:
+            return left(lambda settings: self.values(size, stride, settings), self.settings,
+                        self._tightest(), self.effects.pressure_bounds_friction)
+
+        few = max(self.stride, min(self.total, SAMPLING * FEWEST))
+        try:
+            return by(few)
+        except DriverError:
+            if few == self.stride:
+                raise
+            return by(self.stride)
 
     def negligible(self, allowed: float) -> bool:
         """Whether what tolerances leave fits into what is `allowed`, beside the other parts.

@@ -156,6 +156,9 @@ def test_what_an_obstacle_does_is_told_by_its_histories():
     still.angle[1, 2] = 0.125
     assert still.histories(np.array([1, 2])) == {"shift_y": [0.0, 0.25]}
     assert still.of(np.array([2])).histories(np.array([0])) == {"angle": [0.0, 0.125]}
+    still.own = True  # gapInTime beside a shift, which says only how fast the surface slides
+    assert still.histories(np.array([1])) == {"shift_y": [0.0, 0.25], "distance": [2.0, 0.5]}
+    assert still.histories(np.array([2])) == {"angle": [0.0, 0.125]}
 
 
 PAIRS = """include "scene.idp"

@@ -158,6 +158,18 @@ def test_misuse_is_refused_in_one_line(solved, tmp_path, old, new, reason):
     assert run.status == 2 and reason in run.reason
 
 
+def test_where_its_stiffness_is_zero_a_foundation_is_none(solved, tmp_path):
+    """Edges of its label are then free in boundary.csv, and in the picture of the geometry."""
+    text = BLOCK.replace("() k //", "() (x < 0.6 ? k : 0.) //").replace(
+        "() kx //", "() (x < 0.6 ? kx : 0.) //")
+    (tmp_path / "half.edp").write_text(text)
+    run = solved(tmp_path / "half.edp", cells=1, angle=0)  # edges of 2/3
+    with open(run.directory / "boundary.csv") as file:
+        roles = [(float(row["x0"]) < 0.6, row["role"]) for row in csv.DictReader(file)
+                 if row["label"] == "1"]
+    assert sorted(roles) == [(False, "free"), (False, "free"), (True, "springs")]
+
+
 @pytest.mark.parametrize("sprung", [11, 21])
 def test_springs_hold_back_their_own_body_alone(built, named_scene, sprung):
     """Both bodies are carried by (0.3, -0.2); the travel of that on springs is no rigid motion."""

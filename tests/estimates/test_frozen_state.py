@@ -260,6 +260,7 @@ def test_tighter_companions_tell_what_tolerances_leave():
     of.settings, of.base, of.ratios = Settings(rtol=1e-6, primal_rtol=1e-5), {"h": 1}, [2.5]
     of.strides, asked = Strides(None, SimpleNamespace(steps=3), None), []
     of.values, of.given = {"slip": 0.0, "normal_resultant": 0.0}, {"normal_resultant"}
+    of.notes = []
 
     def run(settings, stride, **mesh):
         asked.append((settings.rtol, settings.primal_rtol, stride, mesh))

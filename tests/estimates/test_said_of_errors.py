@@ -110,6 +110,17 @@ def test_advice_is_of_the_largest_part(parts, words):
     assert budget_words.advice(both, remedies, {"time"}) == words.replace("9 would", "9 may")
 
 
+def test_advice_is_not_of_a_resultant_that_is_rounding():
+    """Of contact that pulls as it presses: whose errors are all of it."""
+    entry = {"mesh": 0.1, "total": 0.1, "relative": 0.1}
+    budget_of = {"displacement": entry | {"value": 1.0}, "peak_pressure": entry | {"value": 0.8},
+                 "contact_length": entry | {"value": 40.0},
+                 "normal_resultant": entry | {"value": 1e-13}}
+    assert "displacement" in budget_words.advice(budget_of, {"mesh": "H=1"})
+    budget_of["normal_resultant"] = entry | {"value": 3.0}
+    assert "normal resultant" in budget_words.advice(budget_of, {"mesh": "H=1"})
+
+
 # ------------------------------------------------------------------------------ energy
 
 def test_roots_of_the_bound():
@@ -241,6 +252,17 @@ def test_linear_triangles_that_may_be_too_stiff_are_named(element, coarse, said)
     assert ["ELEMENT=P2" in line for line in of._stiff()] == [True] * said
 
 
+@pytest.mark.parametrize("coarse, force, said", [
+    (1.0, 2.0, True), (1.0, 1.1, False), (1.0, 0.5, False), (0.9, 2.0, False)])
+def test_linear_triangles_that_prescribed_displacements_bend_are_named_by_the_force(
+        coarse, force, said):
+    """Which falls much from the next coarser mesh, on which supports move as much."""
+    of = companions(meshes=[{}, {"h": 2.0}],
+                    values={"displacement": 1.0, "normal_resultant": 1.0})
+    of._values = lambda mesh: {"displacement": coarse, "normal_resultant": force}
+    assert ["fell by 100 %" in line for line in of._stiff()] == [True] * said
+
+
 def test_what_is_zero_but_for_tolerances():
     """Shear, slip and work beside force and displacement, or beside errors of their own size."""
     values = {"normal_resultant": 2.0, "displacement": 0.5, "tangential_resultant": 1e-7,
@@ -251,6 +273,11 @@ def test_what_is_zero_but_for_tolerances():
     assert "slip" in budget.vanishing(values | {"slip": 4e-4}, errors)
     assert budget.vanishing(values | {"slip": 1e-8}) >= {"slip", "worn_volume"}
     assert budget.vanishing({"displacement": 1.0}) == set()
+    # of bilateral contact, in which pulling and pressing may cancel
+    pulled = {"normal_resultant": -1e-13, "peak_pressure": 0.8, "contact_length": 40.0}
+    assert budget.vanishing(pulled) == {"normal_resultant"}
+    assert not budget.vanishing(pulled | {"normal_resultant": 1e-3})
+    assert not budget.vanishing(dict.fromkeys(pulled, 0.0))  # nothing touches
 
 
 def test_jumps_half_as_long_tell_what_jumps_leave():
@@ -289,6 +316,32 @@ def test_where_tolerances_cannot_be_tightened_residuals_stay():
     of._values = lambda *_: None
     found = of._algebraic({}, {"primal_rtol": 1e-8})["slip"]
     assert found.error is None and "tighter tolerances failed" in found.note
+
+
+def test_where_fewer_steps_have_no_solution_tolerances_are_told_by_those_of_the_run():
+    """As where they miss the load that clamps a body; what failed on the way is no note then."""
+    of, asked = companions(), []
+
+    def run(settings, stride, plan=None, **mesh):
+        asked.append(stride)
+        if stride > 1:
+            raise NotConverged("free to move off")
+        return SimpleNamespace(values={"slip": settings.rtol})
+
+    of.levels.run, of.manifest.steps, of.ratios, of.given = run, 8, [2.0], set()
+    found = of._algebraic({}, {"rtol": 1e-10})["slip"]
+    assert found.error == pytest.approx(2 * 2.0 * (Settings().rtol - 1e-10))
+    assert 4 in asked and asked[-2:] == [1, 1] and not of.notes
+
+
+def test_notes_of_companions_say_in_which_steps_and_with_which_tolerances_they_were_run():
+    of = companions(fails=(1, 2, 4))
+    of._values({"h": 2}, 4)
+    of._values({"h": 2}, 2, of.settings)
+    of._values({"h": 2}, 1, Settings(rtol=1e-10))
+    assert [note.split(":")[0] for note in of.notes] == [
+        "companion H=2 in every fourth step", "companion H=2 in every second step",
+        "companion H=2 with tighter tolerances"]
 
 
 def test_a_run_that_failed_is_not_tried_again():

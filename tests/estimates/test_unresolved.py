@@ -122,6 +122,9 @@ def test_a_mesh_that_makes_another_problem_tells_nothing():
     assert unresolved.alike([(fine, middle), (middle, far)]) == [(fine, middle)]
     assert unresolved.alike([(fine, far), (far, middle)]) == []
     assert unresolved.alike([({"slip": 0.1}, {"slip": 5.0})]) == [({"slip": 0.1}, {"slip": 5.0})]
+    # rounding, of contact that pulls as it presses
+    none = {"normal_resultant": 1e-13, "peak_pressure": 0.8, "contact_length": 40.0}
+    assert unresolved.alike([(none, none | {"normal_resultant": -4e-13})])
 
 
 PLAY = """include "scene.idp"

@@ -532,6 +532,10 @@ def test_loading_shows_where_obstacles_go(run):
     alone = figures.compose("loading", own(amplitudes={}, obstacle_motion={"3": moved["3"]}))
     assert len(alone.axes) == 2 and legend_words(alone) == ["shift in $x$", "angle"]
     assert "loading" not in figures.wanted(own(amplitudes={}))
+    # one obstacle of two moves: which one is said
+    one = own(amplitudes={}, obstacle_motion={"3": moved["3"]},
+              boundaries=[{"boundary": "3"}, {"boundary": "4"}])
+    assert legend_words(figures.compose("loading", one))[0] == "shift in $x$, label 3"
 
 
 def test_history_may_start_at_step_one_and_have_empty_cells(tmp_path):
@@ -590,6 +594,15 @@ def test_normal_panels(run, drawn):
     stress = above.lines[0].get_ydata()
     assert stress.min() == pytest.approx(
         run.contact["sigma_n"][-21:].min() / 1e6) and stress.max() <= 0
+
+
+def test_worn_surfaces_are_as_far_as_gap_and_worn_depth(run):
+    """Which is what u_n is at most there."""
+    worn = run.contact | {"wear": np.full(len(run.contact["gap"]), 1e-3)}
+    figure = figures.compose("contact_normal", dataclasses.replace(run, contact=worn))
+    assert "gap and worn depth" in legend_words(figure)
+    (line,) = [line for line in figure.axes[1].lines if line.get_label() == "gap and worn depth"]
+    np.testing.assert_allclose(line.get_ydata(), 1e6 * (run.contact["gap"][-21:] + 1e-3))
 
 
 def test_tangential_panels(drawn):

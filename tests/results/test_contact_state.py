@@ -127,6 +127,17 @@ def test_held_nodes_obey_laws_of_their_way():
         assert places[-1] == pytest.approx((0.25 - way, way))
 
 
+def test_at_held_nodes_too_a_slip_law_leaves_cohesion_as_it_is():
+    """It is a factor of the coefficient: 0.4 of the pressing force, half of it after 0.5."""
+    law = SimpleNamespace(factor_at=lambda u_t, slid: 1.0 - slid, of_others=Way)
+    b = nodes(np.random.default_rng(7))
+    b.at = lambda time: SimpleNamespace(gap=np.zeros(3))
+    of = HeldNodes(b, SimpleNamespace(rooms={"slip_law": law}), np.zeros(3))
+    bound = of.add(SimpleNamespace(friction_bound=lambda force: 0.4 * np.abs(force) + 3.0),
+                   np.ones(3, bool), np.full(3, 10.0), np.full(3, 0.5), 1.0)
+    np.testing.assert_allclose(bound, 3.0 + 0.5 * 4.0)
+
+
 def test_friction_of_held_nodes_stays_where_they_stop():
     """Against the slip, up to the bound; what nothing holds has its own."""
     held, bound = np.array([True, True, True, False]), np.array([2.0, 2.0, 0.5, 2.0])

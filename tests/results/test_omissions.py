@@ -49,6 +49,15 @@ def run_of(solved, tmp_path):
     return get
 
 
+@pytest.mark.parametrize("friction, said", [(0.0, True), (0.3, False)])
+def test_a_slip_law_of_no_friction_is_said(run_of, friction, said):
+    """It multiplies the coefficient alone: cohesion that it is to weaken stays."""
+    law = (f"macro contact() 1 //\nmacro friction() {friction} //\nmacro cohesion() 2. //\n"
+           "macro slipFactor(s) max(0., 1. - s) //\nreal slipRange = 1.;\n")
+    found = run_of(BLOCK.format(more=LOAD + law), steps=1).summary["warnings"]
+    assert any("factor of slip changes nothing" in line for line in found) == said
+
+
 def test_a_material_stiffer_than_any_is_said():
     """Of the softest alone: a body may be given any stiffness so that it hardly yields."""
     def said(softest, stress):

@@ -354,6 +354,31 @@ def test_tolerances_that_fit_beside_the_other_parts_are_not_tightened(left, fits
     assert search.tighten(2.0) and search.settings.rtol == pytest.approx(1e-5)
 
 
+@pytest.mark.parametrize("solved_from", [64, 32, 16])
+def test_tolerances_are_told_by_the_steps_of_the_search_where_fewer_have_no_solution(solved_from):
+    """As where these miss the load that clamps a body; by none where that is no help."""
+    search, ran = object.__new__(goal.Search), []
+    search.settings = Settings(rtol=1e-4, friction_rtol=1e-3, primal_rtol=3e-4)
+    search.reference = tightened(search.settings, 0.01)
+    search.effects = SimpleNamespace(pressure_bounds_friction=False)
+    search.stride, search.total = 32, 64
+
+    def values(size, stride, settings):
+        ran.append(stride)
+        if stride > solved_from:
+            raise NoSolution("free to move off")
+        return {"displacement": settings.rtol}
+
+    search.values = values
+    if solved_from < 32:
+        with pytest.raises(NoSolution):
+            search._left(1.0)
+    else:
+        parts, _ = search._left(1.0)
+        assert parts["solver"]["displacement"].error == pytest.approx(1e-4 - 1e-6)
+        assert ran[-1] == solved_from
+
+
 @pytest.mark.parametrize("left, asked_again", [(1e-4, False), (1e-3, True)])
 def test_tolerances_are_checked_on_a_finer_mesh_only_where_they_might_matter(left, asked_again):
     """What they leave where they were chosen counts LEFT times the ratio of element sizes: 0.16 %

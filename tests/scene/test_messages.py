@@ -194,7 +194,8 @@ def test_units_that_can_be_none(tmp_path):
     path.write_text(SCENE)
     for length, stress, words in (("mm", "3", '"3" is a number'), ("1e3", "Pa", "is a number"),
                                   ("MPa", "mm", '"MPa" is no unit of length'),
-                                  ("m", "mm", '"mm" is no unit of stress')):
+                                  ("m", "mm", '"mm" is no unit of stress'),
+                                  ("mm", "kN", '"kN" is no unit of stress')):
         with pytest.raises(InputError, match=words) as refusal:
             script.check_units(path, SimpleNamespace(units={"length": length, "stress": stress}))
         assert place(str(refusal.value)) == line_of("units")

@@ -1,0 +1,105 @@
+"""What a body between others grows by as it turns, since rotations are linear."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from driver.contact.states import OPEN, SLIP, ContactField
+from driver.estimates import swelling
+from driver.vectors import turned_left
+
+PLACES = np.array([[-0.1, -1.0], [0.1, -1.0], [-0.2, 1.0], [0.2, 1.0]])
+PRESSED = np.array([[0.0, 1.0], [0.0, 1.0], [0.0, -0.5], [0.0, -1.5]])
+
+
+def moved(turn: float, squeeze: float) -> np.ndarray:
+    """Displacements of PLACES: a linear rotation, a shift, and the upper ones down by `squeeze`."""
+    return turn * turned_left(PLACES) + [0.3, 0.1] - squeeze * (PLACES[:, 1:] > 0) * [0.0, 1.0]
+
+
+@pytest.mark.parametrize("axes", [np.eye(2), np.array([[0.6, 0.8], [-0.8, 0.6]])])
+@pytest.mark.parametrize("turn, squeeze", [(0.05, 0.02), (-0.02, 0.01), (0.0, 0.01)])
+def test_growth_over_squeeze(axes, turn, squeeze):
+    """A distance of 2 grows by turn^2, whatever the axes; the rest of the squeeze is the body's."""
+    found = swelling.share(PLACES @ axes, moved(turn, squeeze) @ axes, PRESSED @ axes, turn, 0.0)
+    assert found == pytest.approx(turn**2 / squeeze, rel=1e-9)
+
+
+def test_what_turns_along_grows_as_much():
+    """Jaws that turn with what they clamp squeeze it by nothing; nor does what presses from one
+    side alone, as a floor that a turning block stands on.
+    """
+    u = moved(0.05, 0.02)
+    assert swelling.share(PLACES, u, PRESSED, 0.05, 0.05) == 0.0
+    assert swelling.share(PLACES, u, PRESSED, 0.05, 0.03) == pytest.approx(
+        (0.05**2 - 0.03**2) / 0.02)
+    assert swelling.share(PLACES[:2], u[:2], PRESSED[:2], 0.05, 0.0) == 0.0
+    assert swelling.share(PLACES, u, PRESSED * [[1], [1], [0.01], [0.01]], 0.05, 0.0) == 0.0
+    assert swelling.share(PLACES, np.zeros((4, 2)), PRESSED, 0.0, 0.0) == 0.0  # rigid
+
+
+def test_the_second_body_of_a_pair_is_held_by_it_too():
+    """A body of two boundaries, one on an obstacle, the other the second of a pair, whose first one
+    has the nodes: displacements and forces are those of the body, as if it had them itself.
+    """
+    turn, squeeze = 0.05, 0.02
+    u = moved(turn, squeeze)
+    other = np.array([[0.0, 0.4], [0.1, 0.5]])  # displacements of the upper body at its nodes
+    normal = np.array([[0.0, -1.0]] * 4)  # outward of the lower body below, of the upper one above
+    jump = other - u[2:]
+    b = SimpleNamespace(gid=np.array([0, 1, 4, 5]), label=np.array([1, 1, 7, 7]), xy=PLACES,
+                        paired=np.array([False, False, True, True]), normal=normal,
+                        weight=np.ones(4))
+    state = {ContactField.STATUS: np.full(4, SLIP),
+             ContactField.SIGMA_N: -np.abs(PRESSED[:, 1]),
+             ContactField.U_N: np.r_[u[:2] @ normal[0], jump @ normal[0]],
+             ContactField.U_T: np.r_[0.0, 0.0, jump @ turned_left(normal[0])]}
+    field = np.zeros((6, 2))
+    field[[0, 1]], field[[4, 5]] = u[:2], other
+    body, turns = np.array([0, 0, 0, 0, 1, 1]), np.array([turn, 0.01])
+    found = swelling.of_bodies(b, state, field, body, turns, {7: [0]})
+    (lower, more, _), (upper, _, _) = found
+    assert lower == pytest.approx(turn**2 / squeeze) and more == {"turn": turn} and upper == 0.0
+    state[ContactField.STATUS][2:] = OPEN
+    assert [part for part, *_ in swelling.of_bodies(b, state, field, body, turns, {7: [0]})] == [0]
+
+
+ROLLER = """include "scene.idp"
+real R = 5., turn = physical("turn", 0.04);
+units("mm", "MPa");
+int n = 24;
+border low(t=-3*pi/4, -pi/4) { x = R*cos(t); y = R*sin(t); label = 1; }
+border right(t=-pi/4, pi/4) { x = R*cos(t); y = R*sin(t); label = 2; }
+border high(t=pi/4, 3*pi/4) { x = R*cos(t); y = R*sin(t); label = 3; }
+border left(t=3*pi/4, 5*pi/4) { x = R*cos(t); y = R*sin(t); label = 4; }
+body = buildmesh(low(2*n) + right(n/3) + high(2*n) + left(n/3));
+quasistatic(2.);
+macro young() 210e3 //
+macro poisson() 0.3 //
+macro contact() 1, 3 //
+macro obstacle(x, y) (label == 1 ? y + R : R - y) //
+macro obstacleY(t) (label == 3 ? -0.01*min(1., t) : 0.) //
+macro obstacleX(t) (label == 3 ? 2.*R*turn*max(0., t - 1.) : 0.) //
+macro friction() 0.3 //
+macro stepTimes() [1.] //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("turn, verdict", [(0.0, "ok"), (0.02, "questionable"), (0.06, "invalid")])
+def test_a_roller_between_plates_is_judged(solved, tmp_path, turn, verdict):
+    """Rolling changes no force; the growth of its diameter 2R, R turn^2, adds to the squeeze of
+    0.01, and is 0.17 and 0.64 of both. The force should stay, and is too large by a part of it.
+    """
+    (tmp_path / "roller.edp").write_text(ROLLER)
+    run = solved(tmp_path / "roller.edp", steps=4, turn=turn)
+    entry, growth = run.summary["validity"], 5.0 * turn**2
+    assert entry["verdict"] == verdict
+    share = growth / (growth + 0.01)
+    # contact is a side long or two: its place, by which sides lengthen, errs by parts of one
+    assert entry["largest_swelling"] == pytest.approx(share, rel=0.15, abs=1e-4)
+    assert bool(turn) == ("turning" in entry["reason"])
+    force = -run.history["resultant_n"]
+    before = force[np.argmin(np.abs(run.history["time"] - 1.0))]
+    assert (1 - before / force[-1] > share / 2) == bool(turn)
