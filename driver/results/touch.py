@@ -157,7 +157,8 @@ def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
     pressure falls steeply towards an end of the boundary contact may end before it, by as much as
     `_before_ends` says where it would be zero there but for the end node. An area of a node or two
     may reach over all of the edges beside it, or be a point. The largest slip may be
-    elsewhere by as much as it differs from that of the next nodes that have touched. Slip and the
+    elsewhere by as much as it differs from that of the next nodes that have touched, less what an
+    obstacle has moved past it while they were open, which is the same everywhere. Slip and the
     place between two nodes where FEW nodes are in contact; where there are more by less in
     proportion, as meshes tell: of slip where more have slid, as it is zero wherever all stick. Of
     contact that may end before the boundary meshes that all close its last node tell nothing. The
@@ -180,12 +181,25 @@ def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
                 few += _of_few(nodes, piece, closed[piece])
         near = piece[(np.abs(piece - top) <= 1) & touching[:, piece].any(axis=0)]
         if top in piece and len(near):
-            apart = float(np.abs(way[near] - way[top]).max())
+            onward = np.where(touching[:, near], 0.0, _passed(steps, index, top)[:, None])
+            apart = float(np.abs(way[near] + onward.sum(axis=0) - way[top]).max())
             apart *= min(1.0, FEW / max(1, np.count_nonzero(sliding[:, piece].any(axis=0))))
     share = min(1.0, FEW / max(1, np.count_nonzero(closed)))
     ends = EDGE * float(np.hypot(share * np.linalg.norm(edges), np.linalg.norm(falls)))
     return {"peak_pressure": _standing_out(nodes, np.abs(steps["sigma_n"][index])),
             "contact_length": few + max(clamped, early, ends), "slip": apart}
+
+
+def _passed(steps: dict, index: int, node: int) -> np.ndarray:
+    """(steps,) ways until step `index` that a node has slid by motion of an obstacle, not its own.
+    """
+    way = np.where(steps["status"] == SLIP, moves(steps), 0.0)[: index + 1, node]
+    if "u_t" not in steps:
+        return np.zeros(len(way))
+    own = np.abs(np.diff(steps["u_t"][: index + 1, node], prepend=0.0))
+    past = np.abs(steps["slip"][: index + 1, node])
+    share = np.divide(own, past, out=np.ones_like(own), where=past > own)
+    return way * (1 - share)
 
 
 def of_arrivals(nodes: dict, steps: dict) -> float:
