@@ -31,7 +31,10 @@ quantity, in which two errors are multiplied, they see the square of it. What fo
 whether meshes tell an order, without turning back:
 
 told        they know how errors cancel, on contact states of their own: a claim is not below NET
-            times net, nor above Cauchy's and Schwarz' bound, twice the product over SEES squared
+            times net, nor above Cauchy's and Schwarz' bound, twice the product over SEES squared.
+            Where errors hardly cancel, net over gross, the work of both is that of what smoothed
+            stresses do not see of either: a claim of resultants and displacements is not below
+            this part of net over SEES squared
 not told    two meshes, differences that turn, hardly fall (caution.py), or fall faster than they
             can: coarse meshes agree, or differ by far more than they err, by chance. The adjoint
             problem speaks alone. Errors of contact forces lie at the ends of contact, where
@@ -55,6 +58,7 @@ import numpy as np
 from ..contact.states import OPEN, SLIP, STICK
 from ..effects import Effects
 from ..errors import NotConverged
+from ..quantity_table import HELD
 from . import recovery
 from .budget import Part
 from .frozen_system import FrozenSystem
@@ -101,6 +105,8 @@ def held(name: str, part: Part, sizes: Sizes | None, slack: float = 1.0,
     if name == "peak_pressure":
         concentrated = sizes.product > ALIKE * sizes.gross
         least, most = 0.0, PEAK * sizes.gross if concentrated else np.inf
+    elif told and name in HELD:
+        least = max(least, unseen * sizes.net**2 / sizes.gross)
     elif not told:
         in_the_body = name == "displacement" and linear
         least = max(unseen * sizes.net, sizes.gross) if in_the_body else unseen * sizes.gross
