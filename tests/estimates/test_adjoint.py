@@ -97,6 +97,21 @@ def test_the_adjoint_is_the_influence_of_more_load(marched, scene, parameters, m
 
 
 
+@pytest.mark.some(1)
+def test_forces_of_the_adjoint_are_the_influence_of_gaps(marched):
+    """A half-disc pressed by more is one with gaps that are smaller by as much: their work on what
+    it goes farther is the change of its pressing force.
+    """
+    problem, record, step = marched("hertz", h="0.004")
+    _, other, _ = marched("hertz", 1 + MORE, h="0.004")
+    changes = of(problem, record, step)
+    forces, _ = changes.solution("normal_resultant")
+    farther = MORE * float(problem.manifest.parameters["approach"])
+    change = other.quantities()[0]["normal_resultant"] - record.quantities()[0]["normal_resultant"]
+    assert abs(forces[changes.rows.normal].sum() * farther) == pytest.approx(change, rel=5e-3)
+    assert 0 < changes.sizes(["normal_resultant"])["normal_resultant"].gaps < change / MORE
+
+
 @pytest.mark.parametrize("scene, parameters", [
     ("bracket", dict(subdomains=7, steps=2)), ("joint", dict(h=1.6, subdomains=3, steps=1)),
     ("stack", dict(h=0.25, steps=2))])
