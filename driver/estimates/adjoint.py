@@ -31,7 +31,10 @@ quantity, in which two errors are multiplied, they see the square of it. What fo
 whether meshes tell an order, without turning back:
 
 told        they know how errors cancel, on contact states of their own: a claim is not below NET
-            times net, nor above Cauchy's and Schwarz' bound, twice the product over SEES squared
+            times net, nor above Cauchy's and Schwarz' bound, twice the product over SEES squared.
+            Where errors hardly cancel, net over gross, the work of both is that of what smoothed
+            stresses do not see of either: a claim of resultants and displacements is not below
+            this part of net over SEES squared
 not told    two meshes, differences that turn, hardly fall (caution.py), or fall faster than they
             can: coarse meshes agree, or differ by far more than they err, by chance. The adjoint
             problem speaks alone. Errors of contact forces lie at the ends of contact, where
@@ -55,10 +58,12 @@ import numpy as np
 from ..contact.states import OPEN, SLIP, STICK
 from ..effects import Effects
 from ..errors import NotConverged
+from ..quantity_table import HELD
 from . import recovery
 from .budget import Part
 from .frozen_system import FrozenSystem
 from .given import of_resultant
+from .nodal_gaps import missed_gaps
 from .torn_body import Gather
 
 NET = 1.5
@@ -78,11 +83,14 @@ EARLIER = "its step was not kept"
 
 @dataclass(frozen=True)
 class Sizes:
-    """Estimated error of a quantity, without cancellation, and by energy norms."""
+    """Estimated error of a quantity, without cancellation, and by energy norms; and what nodes miss
+    of gaps, which is in none of these.
+    """
 
     net: float
     gross: float
     product: float
+    gaps: float = 0.0
 
 
 def held(name: str, part: Part, sizes: Sizes | None, slack: float = 1.0,
@@ -96,14 +104,17 @@ def held(name: str, part: Part, sizes: Sizes | None, slack: float = 1.0,
     if sizes is None or part.error is None or sizes.gross <= BLIND * part.error:
         return part
     unseen = 1 / min(SEES, OVER * max(seen, FAINT))**2
-    most = 2 * unseen * sizes.product
+    most = 2 * unseen * sizes.product + sizes.gaps
     least = NET * sizes.net
     if name == "peak_pressure":
         concentrated = sizes.product > ALIKE * sizes.gross
-        least, most = 0.0, PEAK * sizes.gross if concentrated else np.inf
+        least, most = 0.0, PEAK * sizes.gross + sizes.gaps if concentrated else np.inf
+    elif told and name in HELD:
+        least = max(least, unseen * sizes.net**2 / sizes.gross)
     elif not told:
         in_the_body = name == "displacement" and linear
         least = max(unseen * sizes.net, sizes.gross) if in_the_body else unseen * sizes.gross
+        least += sizes.gaps
         if name != "slip":  # no more, but for a polygon's error
             most = least / slack if np.isfinite(slack) else np.inf
     error = float(max(min(part.error, slack * most), least))
@@ -130,7 +141,10 @@ class Adjoint:
         self.rows, self.body = self.solver.rows, body
         self.gather = Gather(self.operator)
         self.quadratic = problem.manifest.element != "P1"
-        self._freeze(record.state(step.index - 1)["status"])
+        status = record.state(step.index - 1)["status"]
+        self._freeze(status)
+        gap, nodes = record.gaps[step.index - 1], record.nodes()
+        self.missed = np.zeros(len(gap)) if self.quadratic else missed_gaps(nodes, gap, status)
         self.system = self._condensed()
         self.free = self._moved_freely()
         fields = self.operator.deformations(step.multipliers, step.weights)
@@ -168,7 +182,8 @@ class Adjoint:
         for name in names:
             solution = self.solution(name)
             if solution is not None:
-                found[name] = self._sizes(solution[1])
+                gaps = self._of_gaps(solution[0])
+                found[name] = self._sizes(solution[1], gaps)
         return self.operator.comm.bcast(found)
 
     def solution(self, name: str) -> tuple[np.ndarray, list[np.ndarray]] | None:
@@ -228,14 +243,21 @@ class Adjoint:
         return forces
 
     # ---- solution --------------------------------------------------------------------------------
-    def _sizes(self, fields: list[np.ndarray]) -> Sizes | None:
+    def _of_gaps(self, multipliers: np.ndarray) -> float:
+        """What nodes miss of gaps (nodal_gaps.py) changes a quantity by, of its adjoint problem's
+        `multipliers` (owned,); on all ranks.
+        """
+        work = multipliers[self.rows.normal] @ self.missed[self.rows.normal_node]
+        return abs(self.operator.comm.allreduce(float(work)))
+
+    def _sizes(self, fields: list[np.ndarray], gaps: float) -> Sizes | None:
         other = self._deviation(fields)
         if other is None:
             return None
         area, law = self.body.area, self.body.compliance
         work = recovery.work(area, law, self.own, other)
         product = 0.5 * self._norm(self.own) * self._norm(other)
-        return Sizes(abs(work.sum()), np.abs(work).sum(), product)
+        return Sizes(abs(work.sum()), np.abs(work).sum(), product, gaps)
 
     def _norm(self, deviation: np.ndarray | None) -> float | None:
         """In energy, of stresses on rank 0."""

@@ -12,6 +12,9 @@ too: of the order 1.1 for a = 0.45, whatever the degree of the elements (Grisvar
 Problems in Nonsmooth Domains, 1985; Babuska, Suri, SIAM Review 36 (1994) 578-632). Coarse meshes
 err by other things that fall faster, and show orders of 2 and more.
 
+So do pressures towards a place of the boundary where materials meet (results/material_corners.py),
+which counts as such an end.
+
 At the tip of a closed crack, where contact ends and a tie begins, shear grows like r^-1/2 while
 pressure may be uniform: there the order is 1, whatever pressures say.
 

@@ -76,7 +76,8 @@ def resultant(shares: np.ndarray, tractions: np.ndarray, weight: np.ndarray):
 
 def singular_places(nodes: dict, steps: dict, index: int) -> tuple[str, ...]:
     """Quantities that may be infinite: a largest pressure where contact reaches the boundary's end,
-    or beside which it ends within a side, as under an edge or a rounding that no node resolves.
+    or beside which it ends within a side, as under an edge or a rounding that no node resolves, or
+    next to a `corners_of_materials`.
 
     `nodes` as above and `mirrored` (n,), where a support lets nodes move along the normal alone, as
     in a plane of symmetry, unless the next node slides: in such a plane shear vanishes, and where
@@ -91,7 +92,10 @@ def singular_places(nodes: dict, steps: dict, index: int) -> tuple[str, ...]:
     largest, at_end = pressure.max(initial=0.0), 0.0
     side = 2 if nodes["middle"].any() else 1
     near = END * side
+    corners = corners_of_materials(nodes, steps, index)
     for piece in chains(nodes):
+        for k in np.flatnonzero(corners[piece]):
+            at_end = max(at_end, pressure[piece[max(k - near + 1, 0):k + near]].max())
         if is_ring(nodes, piece):
             continue
         p = np.maximum(pressure[piece], traction(nodes, pressure, piece))
@@ -104,6 +108,15 @@ def singular_places(nodes: dict, steps: dict, index: int) -> tuple[str, ...]:
             if status[piece[end]] != OPEN and not mirrored and follows < 0:
                 at_end = max(at_end, p[outer].max())
     return ("peak_pressure",) if at_end > NEARLY * largest else ()
+
+
+def corners_of_materials(nodes: dict, steps: dict, index: int) -> np.ndarray:
+    """(n,) where, in step `index`, stresses grow towards corners of materials that contact nodes
+    are at, see material_corners.py: where friction acts or the other side yields.
+    """
+    corners = nodes.get("material_corner", np.zeros(len(nodes["arc"]), bool))
+    acts = nodes["paired"] | bool(np.any(steps["sigma_t"][index]))
+    return corners & acts & (steps["status"][index] != OPEN)
 
 
 def carried(nodes: dict, steps: dict) -> np.ndarray:

@@ -11,6 +11,7 @@ from ..quantity_table import OF_FORCES
 from . import dissipation
 from .contact_state import WEAR, ContactState, less_wear
 from .contact_edges import NODES, chains, contact_length
+from .material_corners import material_corners
 from .quantities import (REPEATS, farthest_node, largest_pressure, of_moment, peak_nodes,
                          quantities, singular_places)
 from .shares import label_shares
@@ -39,6 +40,7 @@ class Record:
         # (n_c,) which end their boundary where the outline goes on
         self.smooth_end = smooth_ends(operator.structure, {
             name: getattr(self.contact.boundary, name) for name in NODES}, operator.comm)
+        self.material_corner = material_corners(operator.structure, operator.comm)
         more = [] if self.contact.worn is None else [WEAR]
         # one array (n_c,) a step, gap besides
         self.states = {name: [] for name in (*ContactField, *more)}
@@ -226,7 +228,8 @@ class Record:
     def nodes(self) -> dict:
         """Columns of the nodes, as quantities.py takes them."""
         return ({name: getattr(self.contact.boundary, name) for name in NODES}
-                | {"shares": self.shares, "smooth_end": self.smooth_end})
+                | {"shares": self.shares, "smooth_end": self.smooth_end,
+                   "material_corner": self.material_corner})
 
     def _columns(self, which: slice = slice(None)) -> tuple[dict, dict]:
         """Columns of the nodes and of the steps, or some of them, as quantities.py takes them."""

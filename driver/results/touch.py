@@ -6,7 +6,8 @@ import numpy as np
 
 from ..contact.states import OPEN, SLIP
 from .contact_edges import EDGE, beyond_ends, chains, doubt_of_ends, is_ring
-from .quantities import carried, farthest_node, longest_ways, made_under_load, moves
+from .quantities import (carried, corners_of_materials, farthest_node, longest_ways,
+                         made_under_load, moves)
 
 FEW = 6  # nodes in contact, among which the next may differ by all of a quantity's error
 FALLS = 0.6  # pressure at an end of the boundary over the next: below it contact may end before
@@ -28,7 +29,8 @@ class Touch:
     open: dict = None  # what nodes leave open by quantity
     pressure: np.ndarray = field(default_factory=lambda: np.zeros(0))  # of those that touch
     length: np.ndarray = field(default_factory=lambda: np.zeros(0))  # of their boundary
-    # (k, 3) of the ends of boundaries: place, pressure over the mean one of those that touch
+    # (k, 3) of the ends of boundaries, and of corners of materials on them: place, pressure over
+    # the mean one of those that touch
     ends: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     # the same in the step until then in which contact carried most
     loaded: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
@@ -40,7 +42,7 @@ class Touch:
     whole: float = 0.0  # length of all contact boundaries, from node to node
     cornered: bool = False  # a few nodes press, at ends of boundaries that go on nowhere
     earlier: bool = False  # slip was made in other states than that at the end of the step
-    way_at_end: bool = False  # what has slid farthest is next to an end, none of a symmetry
+    way_at_end: bool = False  # what has slid farthest is next to one of `ends`, none of a symmetry
 
     @classmethod
     def of(cls, nodes: dict, steps: dict, index: int, pressing_round: int,
@@ -74,8 +76,9 @@ class Touch:
             doubt=sum(doubt_of_ends(nodes, piece, steps, index) for piece in lines),
             whole=sum(lengths), cornered=_cornered(nodes, pieces, pressing),
             earlier=not made_under_load(nodes, steps, index),
-            way_at_end=bool(sliding_at_all
-                            and _next_to_end(nodes, pieces, farthest_node(steps, index))))
+            way_at_end=bool(sliding_at_all and _next_to_end(
+                nodes, pieces, farthest_node(steps, index),
+                corners_of_materials(nodes, steps, index))))
 
     def lighter(self, part: float) -> float:
         """Length of contact whose pressure is below a part of the mean one."""
@@ -91,9 +94,14 @@ class Touch:
 
 
 def _at_ends(nodes: dict, pieces: list, steps: dict, index: int) -> np.ndarray:
-    """(k, 3) of the ends of boundaries: place, pressure over the mean one of what touches."""
+    """(k, 3) of the ends of boundaries, and of corners of materials where they are such as in
+    quantities.py: place, pressure over the mean one of what touches.
+    """
     ends = [end for piece in pieces if not is_ring(nodes, piece)
             for end in dict.fromkeys(piece[[0, -1]].tolist())]
+    inside = corners_of_materials(nodes, steps, index)
+    inside[ends] = False
+    ends += np.flatnonzero(inside).tolist()
     pressure, closed = -steps["sigma_n"][index], steps["status"][index] != OPEN
     length = nodes.get("length", nodes["weight"])[closed]
     mean = pressure[closed] @ length / max(length.sum(), 1e-300)
@@ -114,9 +122,15 @@ def _cornered(nodes: dict, pieces: list, force: np.ndarray) -> bool:
     return bool((force > 0).any() and beside[force > 0].all())
 
 
-def _next_to_end(nodes: dict, pieces: list, node: int) -> bool:
-    """Whether a node is at an end of a boundary or next to it, an end of no line of symmetry."""
+def _next_to_end(nodes: dict, pieces: list, node: int, corners: np.ndarray) -> bool:
+    """Whether a node is at an end of a boundary, of no line of symmetry, or at one of the `corners`
+    (n,) of materials, or next to it.
+    """
     near = 1 + int(nodes["middle"].any())
+    for piece in pieces:
+        at = np.flatnonzero(piece == node)
+        if at.size and corners[piece[max(at[0] - near, 0):at[0] + near + 1]].any():
+            return True
     return any(node in few for piece in pieces if not is_ring(nodes, piece)
                for few in (piece[:near + 1], piece[::-1][:near + 1])
                if not nodes["mirrored"][few[0]])
@@ -143,7 +157,8 @@ def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
     pressure falls steeply towards an end of the boundary contact may end before it, by as much as
     `_before_ends` says where it would be zero there but for the end node. An area of a node or two
     may reach over all of the edges beside it, or be a point. The largest slip may be
-    elsewhere by as much as it differs from that of the next nodes that have touched. Slip and the
+    elsewhere by as much as it differs from that of the next nodes that have touched, less what an
+    obstacle has moved past it while they were open, which is the same everywhere. Slip and the
     place between two nodes where FEW nodes are in contact; where there are more by less in
     proportion, as meshes tell: of slip where more have slid, as it is zero wherever all stick. Of
     contact that may end before the boundary meshes that all close its last node tell nothing. The
@@ -166,12 +181,25 @@ def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
                 few += _of_few(nodes, piece, closed[piece])
         near = piece[(np.abs(piece - top) <= 1) & touching[:, piece].any(axis=0)]
         if top in piece and len(near):
-            apart = float(np.abs(way[near] - way[top]).max())
+            onward = np.where(touching[:, near], 0.0, _passed(steps, index, top)[:, None])
+            apart = float(np.abs(way[near] + onward.sum(axis=0) - way[top]).max())
             apart *= min(1.0, FEW / max(1, np.count_nonzero(sliding[:, piece].any(axis=0))))
     share = min(1.0, FEW / max(1, np.count_nonzero(closed)))
     ends = EDGE * float(np.hypot(share * np.linalg.norm(edges), np.linalg.norm(falls)))
     return {"peak_pressure": _standing_out(nodes, np.abs(steps["sigma_n"][index])),
             "contact_length": few + max(clamped, early, ends), "slip": apart}
+
+
+def _passed(steps: dict, index: int, node: int) -> np.ndarray:
+    """(steps,) ways until step `index` that a node has slid by motion of an obstacle, not its own.
+    """
+    way = np.where(steps["status"] == SLIP, moves(steps), 0.0)[: index + 1, node]
+    if "u_t" not in steps:
+        return np.zeros(len(way))
+    own = np.abs(np.diff(steps["u_t"][: index + 1, node], prepend=0.0))
+    past = np.abs(steps["slip"][: index + 1, node])
+    share = np.divide(own, past, out=np.ones_like(own), where=past > own)
+    return way * (1 - share)
 
 
 def of_arrivals(nodes: dict, steps: dict) -> float:

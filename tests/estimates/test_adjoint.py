@@ -97,6 +97,21 @@ def test_the_adjoint_is_the_influence_of_more_load(marched, scene, parameters, m
 
 
 
+@pytest.mark.some(1)
+def test_forces_of_the_adjoint_are_the_influence_of_gaps(marched):
+    """A half-disc pressed by more is one with gaps that are smaller by as much: their work on what
+    it goes farther is the change of its pressing force.
+    """
+    problem, record, step = marched("hertz", h="0.004")
+    _, other, _ = marched("hertz", 1 + MORE, h="0.004")
+    changes = of(problem, record, step)
+    forces, _ = changes.solution("normal_resultant")
+    farther = MORE * float(problem.manifest.parameters["approach"])
+    change = other.quantities()[0]["normal_resultant"] - record.quantities()[0]["normal_resultant"]
+    assert abs(forces[changes.rows.normal].sum() * farther) == pytest.approx(change, rel=5e-3)
+    assert 0 < changes.sizes(["normal_resultant"])["normal_resultant"].gaps < change / MORE
+
+
 @pytest.mark.parametrize("scene, parameters", [
     ("bracket", dict(subdomains=7, steps=2)), ("joint", dict(h=1.6, subdomains=3, steps=1)),
     ("stack", dict(h=0.25, steps=2))])
@@ -212,6 +227,15 @@ ONCE = 1 / adjoint.SEES**2  # what smoothed stresses do not see of a product of 
 def test_claims_are_held_between_what_the_adjoint_leaves(name, error, sizes, expected):
     part = held(name, Part(error, 1.5, "a note", 1.2), sizes)
     assert part == Part(pytest.approx(expected), 1.5, "a note", 1.2)
+
+
+@pytest.mark.parametrize("name", ["normal_resultant", "tangential_resultant", "displacement"])
+@pytest.mark.parametrize("gross, factor", [(2.0, ONCE), (2.5, 0.8 * ONCE), (9.0, adjoint.NET)])
+def test_errors_that_do_not_cancel_are_what_smoothed_stresses_leave_of_them(name, gross, factor):
+    """Both errors of a brake shoe on its drum work alike everywhere: three meshes claimed 1.1 % of
+    its pressing force, for 1.4 %. Where they cancel, what is left hangs on how they do.
+    """
+    assert held(name, Part(0.1), Sizes(2.0, gross, 9.0)).error == pytest.approx(2.0 * factor)
 
 
 @pytest.mark.parametrize("error, slack, expected", [

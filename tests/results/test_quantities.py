@@ -259,6 +259,21 @@ def test_a_node_of_another_boundary_says_nothing_of_the_largest_slip():
     assert touch.between_nodes(nodes, steps, 1)["slip"] == 0.0
 
 
+def test_what_an_obstacle_moves_past_open_nodes_says_nothing_of_the_largest_slip():
+    """A bed goes 3 farther while one node alone touches it, which itself moves by 0.2: as far as a
+    node that touched as well would have slid. Without an obstacle all of it is the node's own.
+    """
+    x = np.arange(4.0)
+    nodes, first = line(x, x >= 0, 1.0 + 0 * x, 0 * x, slip=1.0 + 0 * x, status=np.full(4, SLIP))
+    steps = {name: np.vstack([column, column]) for name, column in first.items()}
+    steps["slip"][1, 1], steps["status"][1, [0, 2, 3]] = 3.0, OPEN
+    steps["u_t"] = np.zeros((2, 4))
+    steps["u_t"][1, 1] = 0.2
+    assert touch.between_nodes(nodes, steps, 1)["slip"] == pytest.approx(0.2)
+    steps["u_t"] = np.cumsum(steps["slip"], axis=0)
+    assert touch.between_nodes(nodes, steps, 1)["slip"] == pytest.approx(3.0)
+
+
 def test_slip_is_that_of_the_edge_where_contact_once_was():
     """Contact up to 4.4 slides by 1 + x/4, then recedes to 2.4 and slides by a tenth of that: the
     point that has slid farthest lies at 4.4, and no way becomes shorter.
