@@ -20,7 +20,7 @@ other so.
 """
 
 import numpy as np
-from scipy.sparse import bmat, csr_matrix, diags, hstack, identity
+from scipy.sparse import csr_matrix
 
 from ..environment import PLAIN_PROGRAM, silenced
 from ..feti.free_motions import STILL
@@ -128,10 +128,7 @@ def _solve(normal, gap, tangential, pair, coefficient, offset, pulls, work, size
     if not coefficient.any():
         limit = offset / force
     else:
-        pick = csr_matrix((np.ones(j), (np.arange(j), pair)), shape=(j, k - len(pulls)))
-        pick = hstack([pick, pick[:, pulls]]).tocsr()
-        cone = bmat([[-diags(coefficient) @ pick, identity(j)],
-                     [-diags(coefficient) @ pick, -identity(j)]]).tocsr()
+        cone = _cone(coefficient, pair, pulls, k)
     from scipy.optimize import linprog  # slow to import, and only free bodies need it
 
     far = np.abs(gap).max(initial=0.0) or 1.0
@@ -146,3 +143,20 @@ def _solve(normal, gap, tangential, pair, coefficient, offset, pulls, work, size
         # unbounded: bodies overlap everywhere; the steps themselves find the motion
         return np.zeros(len(work))
     return answer.eqlin.marginals * far / reach
+
+
+def _cone(coefficient: np.ndarray, pair: np.ndarray, pulls: np.ndarray, k: int) -> csr_matrix:
+    """(2 j, k + j) rows of lambda_t - F lambda_n and of -lambda_t - F lambda_n.
+
+    Assembled from its entries: many short histories wait for it. `pair` (j,) normal multipliers of
+    tangential ones, k of them with the second parts of bilateral ones, which are the last.
+    """
+    row, either = np.arange(len(pair)), np.flatnonzero(np.isin(pair, pulls))
+    second = k - len(pulls) + np.searchsorted(pulls, pair[either])
+    rows = np.concatenate([row, either, row])
+    columns = np.concatenate([pair, second, k + row])
+    bound = np.concatenate([coefficient, coefficient[either]])
+    values = [np.concatenate([-bound, np.full(len(row), sign)]) for sign in (1.0, -1.0)]
+    return csr_matrix((np.concatenate(values), (np.concatenate([rows, rows + len(row)]),
+                                                np.tile(columns, 2))),
+                      shape=(2 * len(row), k + len(row)))
