@@ -6,7 +6,8 @@ from scipy.linalg import lapack
 from .equations import Equations
 
 SINGULAR = 1e-10  # ratio of the least to the largest pivot of a system that may be singular
-NONE = 1e-14  # such a ratio of pivots that are rounding
+NONE = 1e-14  # such a ratio of pivots that are rounding; reciprocal condition that is rounding
+SUSPECT = 1e-5  # ratio of pivots from which the condition is estimated
 CONSISTENT = 1e-6  # relative residual below which a singular system may have solutions
 
 
@@ -54,11 +55,22 @@ class StateSystem:
         self.pivots, failed = np.empty(0, int), 0
         if len(transposed):
             self.factor, self.pivots, failed = lapack.dgetrf(self.matrix)
-        least = np.abs(np.diag(self.factor))
-        self.dependent = failed != 0 or bool(len(least)) and least.min() <= NONE * least.max()
-        self.doubtful = self.dependent or bool(len(least)) and least.min() <= SINGULAR * least.max()
+        pivots = np.abs(np.diag(self.factor))
+        least = pivots.min() / pivots.max() if len(pivots) and not failed else float(not failed)
+        self.dependent = least <= NONE or least <= SUSPECT and self._rounded
+        self.doubtful = self.dependent or least <= SINGULAR
         swaps = np.count_nonzero(self.pivots != np.arange(len(self.pivots)))
         self.index = int(np.prod(np.sign(np.diag(self.factor))) * (-1) ** swaps)
+
+    @property
+    def _rounded(self) -> bool:
+        """Whether the condition is that of rounding.
+
+        Pivots do not show it where soft and stiff bodies meet in one place: the last of a stiff
+        row, zero but for rounding, has that of soft ones beside it, which is larger.
+        """
+        size = np.abs(self.matrix).sum(axis=0).max()
+        return lapack.dgecon(self.factor, size)[0] <= NONE
 
     def solve(self, load: np.ndarray, balance: np.ndarray) -> np.ndarray | None:
         """z under `load` (n + m,), `balance` (k,), sliding on bounds; None if there is none.

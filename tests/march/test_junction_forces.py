@@ -337,3 +337,33 @@ def test_forces_that_no_law_bears_are_left():
     force = [[2.0, 0.1], [-3.0, 0.2], [0.5, 0.1]]
     assert nearest(force, np.zeros((3, 2)), force).tolist() == force
     assert not nearest(np.zeros((3, 2)), np.zeros((3, 2)), np.ones((3, 2))).any()
+
+
+SOFT = """// a soft block pushed against a stiff one beside it, both on a floor to which they stick
+include "scene.idp"
+units("mm", "MPa");
+int[int] sb = [1, 11, 21, 31], sc = [101, 111, 121, 131];
+addBody(square(9, 7, [0.9*x, 0.75*y], label = sb)) bodyMaterial("soft", 5., 0.2);
+addBody(square(7, 5, [0.9 + x, 0.65*y], label = sc)) bodyMaterial("stiff", 5000., 0.2);
+quasistatic(1.);
+macro support() on(111, u1 = 0., u2 = 0.) //
+macro load1() traction(31, 0.02, -0.015) //
+macro contact() 1, 101 //
+macro contactPair() 11, 131 //
+macro friction() 0.1 //
+macro cohesion() (label == 11 ? 0.00075 : 0.0075) //
+macro amplitude1(t) t //
+include "export.idp"
+"""
+
+
+@pytest.mark.slow
+def test_a_soft_and_a_stiff_block_that_meet_on_a_floor(solved, named_scene):
+    """Forces that go around the place where they meet are no residual, at any cut."""
+    path = named_scene("soft", SOFT)
+    runs = [solved(path, steps=2, **TIGHT, **cut) for cut in (
+        {"subdomains": 1}, {"subdomains": 3}, {"subdomains": 30, "np": 2})]
+    one = by_place(runs[0])
+    for run in runs:
+        assert run.status == 0 and run.summary["residuals"]["stationarity"] < 1e-6
+        assert np.abs(by_place(run) - one).max() <= CLOSE * np.abs(one).max()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from driver.qp import one_solution
+from driver.contact.states import STICK
 from driver.qp.complementarity import newton
 from driver.qp.coulomb import CoulombProblem
 from driver.qp.dependent_rows import by_yielding
@@ -41,6 +42,30 @@ def test_solutions_obey_the_law_of_rows_that_do_not_yield(seed):
     assert problem.solves(solution)
     given = problem.under(problem.load, np.zeros(problem.m), offset=problem.bounds(solution))
     assert given.solves(only_solution(given, start))
+
+
+@pytest.mark.parametrize("softer", [1.0, 1e3, 1e6])
+def test_blocks_of_any_stiffness_leave_forces_open(softer):
+    """The pivot of a stiff block's row is the rounding of soft ones', which may be large beside it.
+
+    Of the forces that go around a place none is left. Compliances have 13 digits here.
+    """
+    rng = np.random.default_rng(3)
+    root = rng.standard_normal((4 * PLACES, 6 * PLACES))
+    flexible = root @ root.T / (6 * PLACES) + np.eye(4 * PLACES)
+    size = np.tile(np.sqrt([1.0, 1.0, 1 / softer, 1 / softer]), PLACES)
+    rows = np.kron(np.eye(PLACES), ROWS)
+    compliance = rows @ (size[:, None] * flexible * size) @ rows.T
+    digits = np.sqrt(np.outer(*[np.diag(compliance)] * 2)) * rng.standard_normal(compliance.shape)
+    compliance += 1e-13 * (digits + digits.T)
+    force = rng.standard_normal(len(rows))
+    problem = CoulombProblem(compliance, compliance @ force, np.zeros(0), np.zeros(0, int))
+    system = problem.system(np.full(len(rows), STICK), np.ones(len(rows)))
+    assert system.dependent
+    z = system.solve(problem.load, problem.balance)
+    np.testing.assert_allclose(compliance @ z, problem.load, rtol=0,
+                               atol=1e-9 * np.abs(problem.load).max())
+    assert np.linalg.norm(z) <= 2 * np.linalg.norm(force)
 
 
 def test_what_rows_yield_is_taken_back():
