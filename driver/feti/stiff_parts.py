@@ -13,8 +13,9 @@ it is the e with 10^e the power of ten at or below the stiffness that it meets (
 over k_0. Neither the cut nor units nor ranks change it, and where stiffness varies by less than ten
 it is delta_0 and costs nothing.
 
-Where it varies by `UNEVEN` and more, factors round off more of displacements than steps may miss,
-of soft parts as well: a step is judged by refined ones then (extended_precision.py).
+Where it varies by `UNEVEN` and more within a body, factors round off more of displacements than
+steps may miss, of soft parts as well: a step is judged by refined ones (extended_precision.py).
+Bodies that contact or ties connect have factors of their own.
 """
 
 import numpy as np
@@ -25,10 +26,10 @@ from scipy.sparse.csgraph import connected_components
 from ..scene import elements
 from ..vectors import turned_left
 from .edges import split_edges
-from .gathering import gather, joined
+from .gathering import gather, joined, largest
 
-UNEVEN = 1e4  # stiffness of the stiffest triangle over that of the softest from which factors round
-# off more of displacements than the tolerances of a step, whatever contact touches
+UNEVEN = 1e4  # stiffness of a body's stiffest triangle over that of its softest from which factors
+# round off more of displacements than the tolerances of a step, whatever contact touches
 ROUNDED = 1e-6  # of an exponent: no rounding decides on which side of a power of ten a ratio is
 
 
@@ -43,10 +44,8 @@ class StiffParts:
         subs, self.comm = structure.subdomains, comm
         laws = {id(sub.elasticity): sub.elasticity for sub in subs}  # equal subdomains share one
         stiffness = {key: np.einsum("tii->t", law) for key, law in laws.items()}
-        least = min((k.min() for k in stiffness.values()), default=np.inf)
-        softest = comm.allreduce(least, op=MPI.MIN)
-        most = max((k.max() for k in stiffness.values()), default=0.0)
-        self.uneven = bool(comm.allreduce(most, op=MPI.MAX) >= UNEVEN * softest)
+        low, high = _of_bodies(structure, stiffness, comm)
+        softest, self.uneven = low.min(initial=np.inf), bool((high >= UNEVEN * low).any())
 
         def exponent(k: np.ndarray) -> np.ndarray:
             return np.floor(np.log10(k / softest) + ROUNDED).astype(int)
@@ -77,6 +76,16 @@ def stressed_alike(deformations: np.ndarray, exponents: np.ndarray) -> np.ndarra
     """(levels,) no less than what the stress of softer levels makes of them."""
     stress = np.maximum.accumulate(deformations * 10.0**exponents)
     return np.maximum(deformations, stress / 10.0**exponents)
+
+
+def _of_bodies(structure, stiffness: dict, comm) -> tuple[np.ndarray, np.ndarray]:
+    """(bodies,) least and largest stiffness of a triangle, from (n,) those by subdomains' laws."""
+    number, bodies = structure.travel.bodies.number, len(structure.travel.bodies.size)
+    low, high = np.full(bodies, -np.inf), np.full(bodies, -np.inf)
+    for sub in structure.subdomains:
+        own, k = number[sub.index], stiffness[id(sub.elasticity)]
+        low[own], high[own] = max(low[own], -k.min()), max(high[own], k.max())
+    return -largest(comm, low), largest(comm, high)
 
 
 class _Meshes:

@@ -6,7 +6,7 @@ from scipy.linalg import lapack
 from .equations import Equations
 
 SINGULAR = 1e-10  # ratio of the least to the largest pivot of a system that may be singular
-NONE = 1e-14  # such a ratio of pivots that are rounding; reciprocal condition that is rounding
+NONE = 1e-14  # such a ratio of pivots that are rounding
 SUSPECT = 1e-5  # ratio of pivots from which the condition is estimated
 CONSISTENT = 1e-6  # relative residual below which a singular system may have solutions
 
@@ -64,13 +64,13 @@ class StateSystem:
 
     @property
     def _rounded(self) -> bool:
-        """Whether the condition is that of rounding.
+        """Whether one over the condition is rounding.
 
         Pivots do not show it where soft and stiff bodies meet in one place: the last of a stiff
         row, zero but for rounding, has that of soft ones beside it, which is larger.
         """
         size = np.abs(self.matrix).sum(axis=0).max()
-        return lapack.dgecon(self.factor, size)[0] <= NONE
+        return lapack.dgecon(self.factor, size)[0] <= np.finfo(float).eps
 
     def solve(self, load: np.ndarray, balance: np.ndarray) -> np.ndarray | None:
         """z under `load` (n + m,), `balance` (k,), sliding on bounds; None if there is none.

@@ -44,28 +44,24 @@ def test_solutions_obey_the_law_of_rows_that_do_not_yield(seed):
     assert given.solves(only_solution(given, start))
 
 
-@pytest.mark.parametrize("softer", [1.0, 1e3, 1e6])
-def test_blocks_of_any_stiffness_leave_forces_open(softer):
-    """The pivot of a stiff block's row is the rounding of soft ones', which may be large beside it.
+@pytest.mark.parametrize("softer", [1e3, 1e6, 1e9])
+def test_a_soft_and_a_stiff_block_leave_forces_open(softer):
+    """The pivot of the stiff one's row is the rounding of the soft one's, which is large beside it.
 
-    Of the forces that go around a place none is left. Compliances have 13 digits here.
+    Rows are u, u - v and v with displacements u of a soft and v of a stiff block. Of the forces
+    that go around none is left.
     """
-    rng = np.random.default_rng(3)
-    root = rng.standard_normal((4 * PLACES, 6 * PLACES))
-    flexible = root @ root.T / (6 * PLACES) + np.eye(4 * PLACES)
-    size = np.tile(np.sqrt([1.0, 1.0, 1 / softer, 1 / softer]), PLACES)
-    rows = np.kron(np.eye(PLACES), ROWS)
-    compliance = rows @ (size[:, None] * flexible * size) @ rows.T
-    digits = np.sqrt(np.outer(*[np.diag(compliance)] * 2)) * rng.standard_normal(compliance.shape)
-    compliance += 1e-13 * (digits + digits.T)
-    force = rng.standard_normal(len(rows))
-    problem = CoulombProblem(compliance, compliance @ force, np.zeros(0), np.zeros(0, int))
-    system = problem.system(np.full(len(rows), STICK), np.ones(len(rows)))
+    stiff = 1 / softer
+    exact = np.array([[1.0, 1.0, 0.0], [1.0, 1.0 + stiff, -stiff], [0.0, -stiff, stiff]])
+    rounding = np.diag([np.finfo(float).eps, 0.0, 0.0])
+    force = np.array([1.0, 2.0, -0.5])
+    problem = CoulombProblem(exact + rounding, exact @ force, np.zeros(0), np.zeros(0, int))
+    system = problem.system(np.full(3, STICK), np.ones(3))
     assert system.dependent
     z = system.solve(problem.load, problem.balance)
-    np.testing.assert_allclose(compliance @ z, problem.load, rtol=0,
-                               atol=1e-9 * np.abs(problem.load).max())
-    assert np.linalg.norm(z) <= 2 * np.linalg.norm(force)
+    own = np.sqrt(np.diag(exact) * np.diag(exact).max())  # movements of stiff rows are small ones
+    np.testing.assert_allclose(exact @ z / own, problem.load / own, rtol=0, atol=1e-9)
+    assert np.linalg.norm(z) <= np.linalg.norm(force)
 
 
 def test_what_rows_yield_is_taken_back():

@@ -1,0 +1,71 @@
+"""Bodies whose stiffness differs by 2e5, as of rubber and steel: each has factors of its own."""
+
+import numpy as np
+import pytest
+
+SCENE = """// a rubber block tied to a steel plate and pressed on another one, which drags it
+include "scene.idp"
+units("mm", "MPa");
+int[int] sa = [1, 2, 3, 4], sb = [11, 12, 13, 14], sc = [21, 22, 23, 24];
+addBody(square(11, 5, [0.2 + 4*x, y], label = sa)) bodyMaterial("rubber", 1., 0.45);
+addBody(square(9, 4, [0.2 + 4*x, 1 + y], label = sb)) bodyMaterial("steel", 210e3, 0.3);
+addBody(square(13, 3, [5*x, -1 + y], label = sc)) bodyMaterial("plate", 210e3, 0.3);
+macro tie() 11, 3 //
+macro contactPair() 1, 23 //
+macro friction() 0.3 //
+macro support() on(21, u1 = 0., u2 = 0.) + on(13, u1 = 0., u2 = 0.) //
+macro displacement1() on(13, u2 = -0.05) //
+macro amplitude1(t) min(1., 2*t) //
+macro displacement2() on(13, u1 = 0.1) //
+macro amplitude2(t) max(0., 2*t - 1.) //
+quasistatic(1.);
+macro probeLabels() [1, 21, 13] //
+include "export.idp"
+"""
+LAYERS = """include "scene.idp"
+units("mm", "MPa");
+rectangle(0., 2., 0., 1.);
+macro young() (y < 0.5 ? 1. : 2e5) //
+macro poisson() 0.3 //
+macro support() on(1, u1 = 0., u2 = 0.) //
+macro contact() 3 //
+macro load1() traction(2, 0.1, 0.) //
+include "export.idp"
+"""
+FEW = 10  # products a step: gluing rows and ties are eliminated, contact goes by Newton's method
+ALIKE = 1e-8  # of the largest force: tolerances of 1e-10, and their condition
+
+
+@pytest.fixture(scope="module")
+def runs(solved, named_scene):
+    path, tight = named_scene("rubber", SCENE), {"rtol": "1e-10", "friction_rtol": "1e-10"}
+    return [solved(path, steps=6, **tight, **cut) for cut in (
+        {"subdomains": 3}, {"subdomains": 11}, {"subdomains": 14, "np": 2})]
+
+
+def forces(run) -> np.ndarray:
+    """(steps, nodes, 2) normal and tangential ones, by place."""
+    c = run.contact
+    order = np.argsort(c["x"][0])
+    return np.stack([c[name] * c["weight"] for name in ("sigma_n", "sigma_t")], 2)[:, order]
+
+
+@pytest.mark.slow
+def test_cuts_agree_on_rubber_and_steel(runs):
+    one = forces(runs[0])
+    for run in runs:
+        assert run.status == 0
+        np.testing.assert_allclose(forces(run), one, rtol=0, atol=ALIKE * np.abs(one).max())
+
+
+@pytest.mark.slow
+def test_rubber_and_steel_take_no_more_products_than_one_material(runs):
+    """There were hundreds while factors of all bodies together were asked for their digits."""
+    for run in runs:
+        assert run.summary["counts"]["dual_multiplications"] <= 6 * FEW
+
+
+def test_stiffness_jumps_inside_bodies_alone(built, named_scene):
+    """Two materials in one body are another matter: its factors see both."""
+    assert not built(scene=named_scene("rubber", SCENE)).operator.uneven
+    assert built(scene=named_scene("layers", LAYERS)).operator.uneven
