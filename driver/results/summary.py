@@ -267,7 +267,8 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
         loads=_loads(problem), points=at_points(problem),
         parameters={**manifest.parameters, **asdict(settings)}, versions=_versions(),
         seconds=seconds, effects_ledger=_ledger(problem, sizes, solver, writer),
-        balance=_balance(writer, _softest(problem)), dissipated=writer.record.dissipated, **optional)
+        balance=_balance(writer, _softest(problem)), dissipated=writer.record.dissipated,
+        **optional)
 
 
 def _balance(writer: Writer, softest: float) -> float:
