@@ -13,6 +13,7 @@ import meshio
 import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.quiver import Quiver
 from matplotlib.transforms import Bbox
@@ -876,6 +877,12 @@ def test_supports_rollers_and_moved_supports_look_different(tmp_path, changes, w
     figure = figures.compose("geometry", moved_run(tmp_path, changes))
     assert words_of_legend in legend_words(figure)
     assert ("moved by up to 1 mm" in words(figure)) == any("moved" in name for name in changes)
+    # each in its own colour alone: of another beneath it the ends would be seen
+    drawn_blue = [lines for lines in figure.axes[0].collections
+                  if isinstance(lines, LineCollection) and len(lines.get_segments())
+                  and to_hex(lines.get_colors()[0]) == to_hex(style.BLUE)
+                  and lines.get_zorder() < 2.7]
+    assert bool(drawn_blue) != any("moved" in name for name in changes)
 
 
 def test_gaps_that_are_not_magnified_are_told_of(tmp_path):
