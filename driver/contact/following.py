@@ -65,7 +65,8 @@ class Outline:
         if outside.max(initial=0.0) > 0:
             x, y = place[outside.argmax()]
             raise InputError(f"the contact boundary comes to ({x:.4g}, {y:.4g}), as the obstacle "
-                             "sees it, farther than largeSliding says: give a larger length")
+                             f"sees it, by {outside.max():.3g} farther than largeSliding says: "
+                             "give a larger length, by that at least")
         distance, normal = self.curve.distance(place)
         return distance, -normal
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..text import counted
 from . import Effect, RunFacts, entry
 
 
@@ -9,7 +10,8 @@ def slip_entry(facts: RunFacts) -> dict:
     """Ledger entry of a friction law: active where any node slid."""
     (active, reason), stuck = facts.slipped(), facts.most("stick")
     if active is False:
-        reason = f"{reason} ({stuck} nodes stuck at most)" if stuck else "nothing touched"
+        still = f"{reason} ({counted(stuck, 'node')} stuck at most)"
+        reason = still if stuck else "nothing touched"
     return entry(active, reason, facts.sizes["dual_tangential"], facts.seconds["friction"])
 
 

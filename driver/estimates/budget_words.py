@@ -49,6 +49,8 @@ def share(error: float | None, value: float) -> str:
     percent = 100 * error / abs(value)
     if percent < 0.001:
         return "<0.001 %"
+    if percent >= 1000:
+        return ">1000 %"  # digits of nothing
     return f"{percent:.{max(0, min(3, 1 - int(np.floor(np.log10(percent)))))}f} %"
 
 

@@ -22,6 +22,8 @@ class FrozenSystem:
         self._condensation = condensation
         self._ratio = condensation.of_tangential(ratio)
         self._held = np.flatnonzero(condensation.gather(held.astype(float)))
+        if not len(self._held):  # nothing touches
+            return
         followed = self._followed(condensation.compliance())[np.ix_(self._held, self._held)]
         # in place: thousands of rows have matrices of hundreds of MB; of the transpose, as LAPACK
         # stores by columns

@@ -7,10 +7,10 @@ from .prices import MOST
 
 def seconds(value: float) -> str:
     """Seconds, minutes or hours, two digits."""
-    for unit, size in (("s", 1.0), ("min", 60.0)):
-        if value < 100 * size:
-            return f"{value / size:.2g} {unit}"
-    return f"{value / 3600:.2g} h"
+    unit, size = next(((unit, size) for unit, size in (("s", 1.0), ("min", 60.0))
+                       if value < 99.5 * size), ("h", 3600.0))
+    number = value / size
+    return f"{number:.0f} {unit}" if number >= 9.95 else f"{number:.2g} {unit}"
 
 
 def table(prices: dict) -> list[list[str]]:

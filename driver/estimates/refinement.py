@@ -12,6 +12,7 @@ from ..options import Settings
 from ..text import percent
 
 STEM = "size"  # of the files of a size field, see adaptivity.write_sizes
+EXACT = 1e-5  # relative errors below which digits are rounding
 COARSE = {"rtol": 1e-4, "friction_rtol": 1e-3, "primal_rtol": 1e-2}  # of cycles, rough
 
 
@@ -33,7 +34,8 @@ def seconds(cycles: list[Path]) -> dict[str, float]:
 def describe(place: Path) -> str:
     """One line about a finished cycle."""
     row = _row(0, place)
-    error = percent(row["relative"] or 0.0)
+    relative = row["relative"] or 0.0
+    error = percent(relative) if relative >= EXACT or not relative else f"<{percent(EXACT)}"
     return (f"{row['primal_dofs']} primal dofs, error in the energy norm {error}, "
             f"{row['seconds']:.2f} s")
 

@@ -35,8 +35,9 @@ def geometry(figure: Figure, run: Run) -> None:
     handles = _bodies(axes, run, xy)
     axes.add_collection(LineCollection(xy[mesh.rim()[0]], colors="0.62", linewidths=0.35,
                                        rasterized=True))
+    roles = np.where(_moved(boundary) & (role == "support"), "moved", role)
     for name, colour in LINES.items():
-        own = role == name
+        own = roles == name
         lines = np.stack([edges[0][own], edges[1][own]], axis=1)
         axes.add_collection(LineCollection(lines, colors=colour, capstyle="round", zorder=2.5,
                                            linewidths=1 if name == "free" else 2.2))
@@ -49,7 +50,6 @@ def geometry(figure: Figure, run: Run) -> None:
     draw_obstacles(axes, run, 0.0, size, scale.factor, scale.factor * near, 0.016 * size)
     _load_arrows(axes, edges, traction, boundary["label"], size)
     handles += _at_points(axes, run, edges, scale.factor, size) + _weight(axes, run, xy, size)
-    roles = np.where(_moved(boundary) & (role == "support"), "moved", role)
     label_numbers(axes, {**boundary, "role": roles}, edges, size, LINES | {"moved": PURPLE})
     if run.summary["sizes"]["subdomains"] > 1:
         handles.append(Line2D([], [], color="0.62", lw=0.6, label="subdomains"))
@@ -156,7 +156,8 @@ def _supports(axes, boundary: dict, edges: tuple, size: float) -> list:
             if not own.any():
                 continue
             lines = np.stack([start[own], end[own]], axis=1)
-            axes.add_collection(LineCollection(lines, colors=colour, linewidths=2.2, zorder=2.6))
+            axes.add_collection(LineCollection(lines, colors=colour, capstyle="round",
+                                               linewidths=2.2, zorder=2.6))
             if kind == "both":
                 hatch(axes, start[own], end[own], normal[own], size, colour)
                 text = r"$\Gamma_u$ moved" if moves else r"$\Gamma_u$ support"

@@ -15,6 +15,7 @@ from .outline import chains
 MOST_LABELS = 30
 ALONG = (0.5, 0.25, 0.75, 0.1, 0.9)  # where on a piece of boundary, in the order of preference
 INSIDE, OUTSIDE, AWAY = 0.032, 0.04, 0.075  # of the body's size: distance from the boundary
+WIDER = 0.009  # of it: more where a boundary is beside the number, for each digit beyond two
 APART, CLEAR = 0.045, 0.026  # of the body's size: from another number, from an arrow
 TOUCHING = 0.3  # of a number's distance from its boundary, by which another one may be nearer
 # what there is against a place
@@ -34,7 +35,7 @@ def label_numbers(axes, boundary: dict, edges: tuple, size: float, colours: dict
         own = np.flatnonzero(boundary["label"] == name)
         # a load may act on a part of its label
         role = next((str(role) for role in boundary["role"][own] if role != "free"), "free")
-        places = _places(own, edges, size, role)
+        places = _places(own, edges, size, role, WIDER * max(0, len(f"{name:g}") - 2))
         place, start, led = min(places, key=lambda p: p[-1] + _against(p, own, edges, size, taken,
                                                                       arrows))[:3]
         taken = np.vstack([taken, place])
@@ -47,9 +48,11 @@ def label_numbers(axes, boundary: dict, edges: tuple, size: float, colours: dict
         axes.update_datalim([place - margin, place + margin])
 
 
-def _places(own: np.ndarray, edges: tuple, size: float, role: str) -> list[tuple]:
+def _places(own: np.ndarray, edges: tuple, size: float, role: str,
+            wider: float = 0.0) -> list[tuple]:
     """Places for the number of the edges `own`: the place, where it belongs to, whether a line
-    leads there, what there is against it by itself.
+    leads there, what there is against it by itself. `wider`: half of what the number is wider by
+    than one of two digits, over the size.
     """
     start, end, normal = edges
     groups = [own[chain] for chain in chains(start[own], end[own])]
@@ -60,9 +63,9 @@ def _places(own: np.ndarray, edges: tuple, size: float, role: str) -> list[tuple
     for part in ALONG:
         point, edge = _at(start[longest], end[longest], part)
         out, off = normal[longest[edge]], FAR * abs(part - 0.5)
-        aside = turned_left(out)
-        beyond = point + outside * size * out
-        places += [(point - INSIDE * size * out, point, False, off),
+        aside, more = turned_left(out), wider * abs(out[0])
+        beyond = point + (outside + more) * size * out
+        places += [(point - (INSIDE + more) * size * out, point, False, off),
                    (beyond, point, False, off + OUTER + busy + INTO * within(beyond, start, end))]
         places += [(point + AWAY * size * (way * out + across * aside), point, True, off + LED)
                    for way in (1, -1) for across in (0, 1, -1)]

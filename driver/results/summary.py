@@ -25,6 +25,7 @@ from .ledger import ledger
 from .writer import Writer
 
 FILE = "summary.json"
+ROUNDED = 1e-11  # of shear modulus times displacement, that rounding leaves as forces
 
 
 def entry(meaning: str, unit: str = "1", parts: dict | None = None, optional: bool = False):
@@ -266,7 +267,16 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
         loads=_loads(problem), points=at_points(problem),
         parameters={**manifest.parameters, **asdict(settings)}, versions=_versions(),
         seconds=seconds, effects_ledger=_ledger(problem, sizes, solver, writer),
-        balance=writer.balance, dissipated=writer.record.dissipated, **optional)
+        balance=_balance(writer, _softest(problem)), dissipated=writer.record.dissipated,
+        **optional)
+
+
+def _balance(writer: Writer, softest: float) -> float:
+    """Entry `balance`; zero where all forces are rounding, beside what it takes to deform bodies of
+    the shear modulus `softest` by their displacements.
+    """
+    least = ROUNDED * softest * max(writer.record.displacements, default=0.0)
+    return writer.balance if writer.largest_forces > least else 0.0
 
 
 def _softest(problem: Problem) -> float:

@@ -388,8 +388,9 @@ def test_a_moving_outline_is_seen_from_where_it_stands():
 @pytest.mark.parametrize("place", [[3.1, 0], [-3.1, 0], [0, 3.1], [0, -3.1]])
 def test_places_out_of_the_box_are_said(place):
     outline = Outline(None, np.array([-3.0, 3.0, -3.0, 3.0]))
-    with pytest.raises(InputError, match=re.escape("({:.4g}, {:.4g})".format(*place))):
+    with pytest.raises(InputError, match=re.escape("({:.4g}, {:.4g})".format(*place))) as said:
         outline.distance(np.array([[0.0, 0.0], place]), np.arange(2))
+    assert "by 0.1 farther than largeSliding says" in str(said.value)
 
 
 def vertex(normals, fixed=(), **more):

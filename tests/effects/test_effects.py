@@ -214,6 +214,8 @@ def test_active_effects():
                                        "friction is declared but nothing touched"}),
     (counted([0, 0], [9, 9], [0, 0]),
      {"friction is declared but nothing slipped (9 nodes stuck at most)"}),
+    (counted([8, 8], [1, 1], [0, 0]),
+     {"friction is declared but nothing slipped (1 node stuck at most)"}),
 ])
 def test_effects_that_never_mattered(nodes, sentences):
     said = set(never_mattered(entries(nodes=nodes)))

@@ -156,19 +156,29 @@ def test_nothing_is_eliminated_for_adjoint_problems_alone(marched, monkeypatch):
     assert solver.condensation.eliminated and of(problem, record, step).system is None
 
 
-def test_frozen_systems_take_no_more_matrices_than_they_need():
-    """Two at most, of all rows and of those that are held, which the factors take the place of; the
-    system is not symmetric.
-    """
-    n, m = 200, 150
-    condensation = SimpleNamespace(
+def condensed(n: int, m: int, compliance: np.ndarray) -> SimpleNamespace:
+    """A condensation without gluing rows, of n normal and m tangential ones."""
+    return SimpleNamespace(
         n=n, size=n + m, pair=np.arange(m), of_tangential=lambda values: values,
         gather=lambda values: values, place=lambda force, x: force,
         glued=lambda d, x, gradient: (x, gradient),
         operator=SimpleNamespace(apply=lambda x: compliance @ x),
         compliance=lambda: compliance)
+
+
+def test_frozen_systems_of_bodies_that_touch_nothing_have_no_forces():
+    system = FrozenSystem(condensed(3, 2, np.eye(5)), np.zeros(5, bool), np.zeros(2))
+    assert not system.solution(np.ones(5)).any()
+
+
+def test_frozen_systems_take_no_more_matrices_than_they_need():
+    """Two at most, of all rows and of those that are held, which the factors take the place of; the
+    system is not symmetric.
+    """
+    n, m = 200, 150
     rng = np.random.default_rng(1)
     compliance = rng.random((n + m, n + m)) + (n + m) * np.eye(n + m)
+    condensation = condensed(n, m, compliance)
     ratio, held, moved = np.full(m, 0.4), np.arange(n + m) % 7 > 0, rng.random(n + m)
     tracemalloc.start()
     system = FrozenSystem(condensation, held, ratio)

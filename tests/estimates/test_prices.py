@@ -256,6 +256,8 @@ def test_words():
     assert any("H=0.4 STEPS=5" in line for line in lines)
     assert price_words.describe({"reason": "the slip is zero", "lines": []}) == [
         "no prices of accuracy: the slip is zero"]
+    assert [price_words.seconds(s) for s in (9.96, 99.6, 99.4, 5980.0, 4e5)] == [
+        "10 s", "1.7 min", "99 s", "1.7 h", "111 h"]
     assert [price_words.seconds(s) for s in (0.123, 60.0, 600.0, 90000.0)] == [
         "0.12 s", "60 s", "10 min", "25 h"]
 

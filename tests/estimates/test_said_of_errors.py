@@ -22,7 +22,8 @@ UNITS = {"length": "mm", "stress": "MPa"}
 @pytest.mark.parametrize("error, value, words", [
     (None, 3.0, "?"), (0, 3.0, "0"), (1e-9, 0.0, "1e-09"), (1e-6, 1.0, "<0.001 %"),
     (1e-5, -1.0, "0.001 %"), (0.00234, 1.0, "0.23 %"), (0.0234, -1.0, "2.3 %"),
-    (0.234, 1.0, "23 %"), (2.34, 1.0, "234 %")])
+    (0.234, 1.0, "23 %"), (2.34, 1.0, "234 %"),
+    (269.28, 1.0, ">1000 %")])
 def test_errors_are_read_as_parts_of_the_value(error, value, words):
     assert budget_words.share(error, value) == words
 

@@ -12,7 +12,9 @@ from types import SimpleNamespace
 import meshio
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.quiver import Quiver
 from matplotlib.transforms import Bbox
@@ -876,6 +878,12 @@ def test_supports_rollers_and_moved_supports_look_different(tmp_path, changes, w
     figure = figures.compose("geometry", moved_run(tmp_path, changes))
     assert words_of_legend in legend_words(figure)
     assert ("moved by up to 1 mm" in words(figure)) == any("moved" in name for name in changes)
+    # each in its own colour alone: of another beneath it the ends would be seen
+    drawn_blue = [lines for lines in figure.axes[0].collections
+                  if isinstance(lines, LineCollection) and len(lines.get_segments())
+                  and to_hex(lines.get_colors()[0]) == to_hex(style.BLUE)
+                  and lines.get_zorder() < 2.7]
+    assert bool(drawn_blue) != any("moved" in name for name in changes)
 
 
 def test_gaps_that_are_not_magnified_are_told_of(tmp_path):
@@ -1123,6 +1131,21 @@ def test_numbers_of_labels_stand_beside_their_boundary(high, led):
         assert (0 < place[1] < high and abs(place[0]) < 4.5) == (high == 4.0)
         assert labels.distances(place, *np.array([[[0, high + 1.5]], [[0, high + 0.1]]])) > 0.2
         assert all(np.linalg.norm(place - other) > 0.4 for k, other in places.items() if k != name)
+
+
+@pytest.mark.parametrize("right", [7, 101, 10070])
+def test_numbers_of_many_digits_stand_beside_their_boundary_too(right):
+    """A square that fills the picture: beside its upright side a number is half as wide away."""
+    corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    figure = Figure(figsize=(6.6, 6.6))
+    axes = figure.add_axes([0.0, 0.0, 1.0, 1.0], xlim=(-0.5, 1.5), ylim=(-0.5, 1.5))
+    end = np.roll(corners, -1, axis=0)
+    labels.label_numbers(axes, {"label": np.array([1, right, 3, 4]), "role": np.full(4, "free")},
+                         (corners, end, outline.right_of(corners, end)), 1.0, {"free": "black"})
+    text = next(text for text in axes.texts if text.get_text() == str(right))
+    reach = text.get_window_extent(FigureCanvasAgg(figure).get_renderer()).transformed(
+        axes.transData.inverted())
+    assert reach.x1 < 1.0 or reach.x0 > 1.0
 
 
 def test_the_number_of_a_thin_layer_is_not_in_the_body_above():

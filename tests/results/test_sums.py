@@ -82,6 +82,14 @@ def test_bodies_are_numbered_by_their_smallest_nodes():
     assert np.concatenate(means.bodies()).tolist() == [1, 1, 1, 1, 0]
 
 
+@pytest.mark.parametrize("forces, found", [(1e-13, 0.0), (1e-3, 0.4)])
+def test_the_balance_of_rounding_is_none(forces, found):
+    """As where a support carries a body along that touches nothing."""
+    writer = SimpleNamespace(record=SimpleNamespace(displacements=[0.0, 5e-4]), balance=0.4,
+                             largest_forces=forces)
+    assert summary._balance(writer, 8e4) == found
+
+
 def test_loads_reactions_and_contact_balance():
     """Nodal forces of a block, K u = f + reaction + contact: sums by component, sizes their
     absolute values; between bodies contact cancels.

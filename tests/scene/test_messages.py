@@ -1156,6 +1156,20 @@ def test_triangles_of_a_small_size_are_foretold_by_how_their_number_grows(order)
     assert not size.check("", {"h": "1"}, trial)
 
 
+LAYERS = """border a(t=0, 4) { x = 2*(t < 1 ? t : (t < 2 ? 1 : (t < 3 ? 3 - t : 0)));
+                     y = (t < 1 ? 0 : (t < 2 ? t - 1 : (t < 3 ? 1 : 4 - t))); label = 1 + int(t); }
+border middle(t=0, 1) { x = 2*t; y = 0.5; label = 9; }
+body = buildmesh(a(16) + middle(4));"""
+
+
+def test_labels_that_a_mesh_has_are_those_of_its_boundary(said):
+    """Not those of lines between its parts."""
+    message = said(('subdomains("2x1");', 'subdomains("2");'),
+                   ("rectangle(0., 2., 0., 1.);", LAYERS), ("contact() 1", "contact() 8"),
+                   parameters={})
+    assert message.endswith("no boundary with label 8; its labels are 1, 2, 3, 4")
+
+
 @pytest.mark.parametrize("declared", [
     "contact() 9", "contact() 1 //\nmacro load2() traction(9, 0., 1.)",
     "contact() 1 //\nmacro contactPair() 3, 9", "contact() 1 //\nmacro probeLabels() [9]",
@@ -1165,11 +1179,7 @@ def test_labels_of_lines_inside_a_body(said, declared):
     """Two layers in one mesh: the line between them is a boundary of nothing, though a cut along it
     would make one of it. With the line dropped the label is none.
     """
-    layers = """border a(t=0, 4) { x = 2*(t < 1 ? t : (t < 2 ? 1 : (t < 3 ? 3 - t : 0)));
-                     y = (t < 1 ? 0 : (t < 2 ? t - 1 : (t < 3 ? 1 : 4 - t))); label = 1 + int(t); }
-border middle(t=0, 1) { x = 2*t; y = 0.5; label = 9; }
-body = buildmesh(a(16) + middle(4));"""
-    changes = (('subdomains("2x1");', 'subdomains("2");'), ("rectangle(0., 2., 0., 1.);", layers),
+    changes = (('subdomains("2x1");', 'subdomains("2");'), ("rectangle(0., 2., 0., 1.);", LAYERS),
                ("contact() 1", declared))
     message = said(*changes, parameters={})
     place = re.search(r"label 9 is that of a line inside the body, at \((.*?), (.*?)\)", message)
