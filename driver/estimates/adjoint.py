@@ -247,8 +247,10 @@ class Adjoint:
         """What nodes miss of gaps (nodal_gaps.py) changes a quantity by, of its adjoint problem's
         `multipliers` (owned,); on all ranks.
         """
-        work = multipliers[self.rows.normal] @ self.missed[self.rows.normal_node]
-        return abs(self.operator.comm.allreduce(float(work)))
+        force = np.zeros(len(self.missed))
+        force[self.rows.normal_node] = multipliers[self.rows.normal]
+        force = self.operator.comm.allreduce(force)  # of one rank a node: to the last bit for any
+        return float(abs(force @ self.missed))
 
     def _sizes(self, fields: list[np.ndarray], gaps: float) -> Sizes | None:
         other = self._deviation(fields)

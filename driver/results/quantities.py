@@ -14,6 +14,7 @@ import numpy as np
 from ..contact.states import OPEN, SLIP
 from .contact_edges import (beyond_ends, chains, contact_length, edges_of_contact, is_ring,
                             onward)
+from .kinks import kinks
 
 END = 2  # nodes that count as the end of a boundary
 NEARLY = 0.5  # part of the largest pressure that may exceed it on a finer mesh
@@ -77,7 +78,7 @@ def resultant(shares: np.ndarray, tractions: np.ndarray, weight: np.ndarray):
 def singular_places(nodes: dict, steps: dict, index: int) -> tuple[str, ...]:
     """Quantities that may be infinite: a largest pressure where contact reaches the boundary's end,
     or beside which it ends within a side, as under an edge or a rounding that no node resolves, or
-    next to a `corners_of_materials`.
+    next to corners_of_materials, or to a kink of a rigid obstacle (kinks.py).
 
     `nodes` as above and `mirrored` (n,), where a support lets nodes move along the normal alone, as
     in a plane of symmetry, unless the next node slides: in such a plane shear vanishes, and where
@@ -92,7 +93,7 @@ def singular_places(nodes: dict, steps: dict, index: int) -> tuple[str, ...]:
     largest, at_end = pressure.max(initial=0.0), 0.0
     side = 2 if nodes["middle"].any() else 1
     near = END * side
-    corners = corners_of_materials(nodes, steps, index)
+    corners = corners_of_materials(nodes, steps, index) | kinks(nodes, steps, index)
     for piece in chains(nodes):
         for k in np.flatnonzero(corners[piece]):
             at_end = max(at_end, pressure[piece[max(k - near + 1, 0):k + near]].max())

@@ -10,7 +10,8 @@ from .quantities import (carried, corners_of_materials, farthest_node, longest_w
                          made_under_load, moves)
 
 FEW = 6  # nodes in contact, among which the next may differ by all of a quantity's error
-FALLS = 0.6  # pressure at an end of the boundary over the next: below it contact may end before
+# pressure at an end of the boundary, or in a dip, over the next: below it contact may end before
+FALLS = 0.6
 AREA = 3  # nodes that press side by side and tell where the force of an area of contact acts
 CLOSED = 1e-9  # distance at time 0 over the largest displacement, below which a node is in contact
 HALF = 0.5  # of a step in which a node touched, where nothing tells more
@@ -37,7 +38,7 @@ class Touch:
     apart: float = np.inf  # least opening, where none touches
     # (m, 2) opening of the nodes that do not touch, and length of their boundary
     beside: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
-    edges: float = 0.0  # length of the element sides in which contact ends
+    edges: float = 0.0  # length of the element sides in which contact ends, or may
     doubt: float = 0.0  # by how much other nodes would locate its ends elsewhere
     whole: float = 0.0  # length of all contact boundaries, from node to node
     cornered: bool = False  # a few nodes press, at ends of boundaries that go on nowhere
@@ -72,7 +73,8 @@ class Touch:
             ends=_at_ends(nodes, pieces, steps, index),
             loaded=_at_ends(nodes, pieces, steps, most), apart=float(apart),
             beside=np.column_stack([opening, whole])[~closed],
-            edges=sum(_sides(nodes, piece, closed[piece]) for piece in pieces),
+            edges=sum(_sides(nodes, piece, closed[piece])
+                      + _bays(nodes, piece, closed[piece], pressure[piece]) for piece in pieces),
             doubt=sum(doubt_of_ends(nodes, piece, steps, index) for piece in lines),
             whole=sum(lengths), cornered=_cornered(nodes, pieces, pressing),
             earlier=not made_under_load(nodes, steps, index),
@@ -155,7 +157,8 @@ def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
     over all of it where the line through the last two pressures is below zero at its end.
     Where contact ends between two nodes the place is known to a part of the edge, and where
     pressure falls steeply towards an end of the boundary contact may end before it, by as much as
-    `_before_ends` says where it would be zero there but for the end node. An area of a node or two
+    `_before_ends` says where it would be zero there but for the end node. In a dip of pressure it
+    may be lost over a bay shorter than the sides beside it. An area of a node or two
     may reach over all of the edges beside it, or be a point. The largest slip may be
     elsewhere by as much as it differs from that of the next nodes that have touched, less what an
     obstacle has moved past it while they were open, which is the same everywhere. Slip and the
@@ -166,7 +169,7 @@ def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
     """
     touching = steps["status"][: index + 1] != OPEN
     closed, edges, falls = touching[-1], [], []
-    clamped, early, apart, few = 0.0, 0.0, 0.0, 0.0
+    clamped, early, bays, apart, few = 0.0, 0.0, 0.0, 0.0, 0.0
     sliding = steps["status"][: index + 1] == SLIP
     way = np.where(sliding, moves(steps)[: index + 1], 0.0).sum(axis=0)
     top = farthest_node(steps, index)
@@ -174,6 +177,7 @@ def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
         if len(piece) > 1:
             pressure = -steps["sigma_n"][index][piece]
             edges += _ends(nodes, piece, closed[piece])
+            bays += _bays(nodes, piece, closed[piece], pressure)
             if not is_ring(nodes, piece):
                 clamped += _to_clamped(nodes, piece, closed[piece], pressure)
                 early += _before_ends(nodes, piece, closed[piece], pressure)
@@ -187,7 +191,7 @@ def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
     share = min(1.0, FEW / max(1, np.count_nonzero(closed)))
     ends = EDGE * float(np.hypot(share * np.linalg.norm(edges), np.linalg.norm(falls)))
     return {"peak_pressure": _standing_out(nodes, np.abs(steps["sigma_n"][index])),
-            "contact_length": few + max(clamped, early, ends), "slip": apart}
+            "contact_length": few + bays + max(clamped, early, ends), "slip": apart}
 
 
 def _passed(steps: dict, index: int, node: int) -> np.ndarray:
@@ -316,6 +320,23 @@ def _falls(nodes: dict, piece: np.ndarray, closed: np.ndarray,
         if closed[end] and not mirrored and pressure[end] < FALLS * pressure[near]:
             ends.append(side[end] * (1 - max(pressure[end], 0.0) / pressure[near]))
     return ends
+
+
+def _bays(nodes: dict, piece: np.ndarray, closed: np.ndarray, pressure: np.ndarray) -> float:
+    """Length over which contact may be lost inside a piece, about nodes in a dip of its pressure.
+
+    As beside a step of what it meets, which a body does not follow at once: where the bay is
+    shorter than two sides no node is open, on this mesh and on coarser ones, but the one in it
+    presses less than both that are next to it. It reaches the farther to them the less it presses.
+    Beside an end of the boundary, where pressure rises, a dip is what it rises from.
+    """
+    side, length = np.diff(nodes["arc"][piece]), 0.0
+    near = 2 if nodes["middle"].any() else 1
+    for k in range(near + 1, len(piece) - near - 1):
+        beside = pressure[[k - 1, k + 1]]
+        if closed[k - 1:k + 2].all() and 0 <= pressure[k] < FALLS * beside.min():
+            length += side[k - 1:k + 1] @ (1 - pressure[k] / beside)
+    return float(length)
 
 
 def _before_ends(nodes: dict, piece: np.ndarray, closed: np.ndarray,

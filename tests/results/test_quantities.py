@@ -259,6 +259,25 @@ def test_a_node_of_another_boundary_says_nothing_of_the_largest_slip():
     assert touch.between_nodes(nodes, steps, 1)["slip"] == 0.0
 
 
+@pytest.mark.parametrize("pressure, bay", [
+    ([6, 6, 6, 0.6, 4, 4, 4], 0.9 + 0.85), ([6, 6, 6, 4, 6, 6, 6], 0.0),
+    ([6, 6, 6, 3, 4, 4, 4], 0.0),
+    ([6, 3.2, 6, 6, 6, 6, 6], 0.0), ([6, 6, 6, -1, 4, 4, 4], 0.0)])
+def test_contact_may_be_lost_in_a_dip_of_pressure(pressure, bay):
+    """A block over a step in the floor: all meshes closed it, and claimed 0.00 % of the length for
+    9.4 %. Not beside ends, where pressure rises, nor where bilateral contact pulls.
+    """
+    x, pressure = np.arange(7.0), np.array(pressure, float)
+    nodes, steps = line(x, x >= 0, pressure, 0 * x)
+    level = pressure[0] == pressure[1]  # else there is doubt of the end
+    length = touch.between_nodes(nodes, steps, 0)["contact_length"]
+    assert not level or length == pytest.approx(bay)
+    found = touch.Touch.of(nodes, steps, 0, 0)
+    assert found.edges == pytest.approx(bay + 2)  # and the sides at both ends
+    steps["status"][0, 3] = OPEN
+    assert touch.Touch.of(nodes, steps, 0, 0).edges == pytest.approx(4)
+
+
 def test_what_an_obstacle_moves_past_open_nodes_says_nothing_of_the_largest_slip():
     """A bed goes 3 farther while one node alone touches it, which itself moves by 0.2: as far as a
     node that touched as well would have slid. Without an obstacle all of it is the node's own.
