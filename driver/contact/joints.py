@@ -16,7 +16,8 @@ across it.
 
 A node that other conditions constrain as well (a support in this component, contact, another joint)
 has no multiplier: its neighbour on the edge takes the part over, as cross points of mortar methods
-want it. So has a corner of the boundary, where the tractions of one stress are two. Rows stay
+want it. So has one that a contact node of the second boundary meets, as at the tip of a crack whose
+sides press, and a corner of the boundary, where the tractions of one stress are two. Rows stay
 independent, whatever meets at the ends of joints.
 """
 
@@ -36,6 +37,7 @@ from .nodes import TURN
 APART = 0.2  # distance of the sides over their longest edge from which they do not lie together
 CONGRUENT = 1e-6  # distance of the ends of periodic sides over their length that rounding leaves
 BOWED = 0.02  # relative difference of the lengths of polygons for one curve
+HALF = 0.5  # share in what a contact node meets, above which a vertex is the one that it meets
 
 
 @dataclass(frozen=True)
@@ -156,13 +158,24 @@ def _joint_rows(boundary, joints: list[Joint], edges: Edges, manifest, fixed) ->
     for joint in joints:
         others = [known[label] for other in joints for label in (other.first, other.second)
                   if other is not joint]
-        crossing = np.unique(np.concatenate([taken, known[joint.second], *others]))
+        crossing = np.unique(np.concatenate([taken, known[joint.second], *others,
+                                             _met_from(boundary, known[joint.second])]))
         rows = _rows(joint, edges, crossing, fixed[0], manifest.axisymmetric)
         for part in rows:
             part["chain"] += chain
             chain = part["chain"].max(initial=chain - 1) + 1
         parts += rows
     return parts
+
+
+def _met_from(boundary, second: np.ndarray) -> np.ndarray:
+    """Gids of the vertices that contact nodes among the gids `second` meet.
+
+    A row of the joint there would say of the same two vertices what contact says of them.
+    """
+    from_second = np.isin(boundary.gid[boundary.term_node], second)
+    met = boundary.term_other & from_second & (np.abs(boundary.term_value) > HALF)
+    return boundary.term_gid[met]
 
 
 def _rows(joint: Joint, edges: Edges, crossing: np.ndarray, fixed: np.ndarray,
