@@ -158,9 +158,13 @@ def _joint_rows(boundary, joints: list[Joint], edges: Edges, manifest, fixed) ->
     for joint in joints:
         others = [known[label] for other in joints for label in (other.first, other.second)
                   if other is not joint]
-        crossing = np.unique(np.concatenate([taken, known[joint.second], *others,
-                                             _met_from(boundary, known[joint.second])]))
-        rows = _rows(joint, edges, crossing, fixed[0], manifest.axisymmetric)
+        crossing, swapped = (
+            np.unique(np.concatenate([taken, known[second], *others,
+                                      _met_from(boundary, known[second])]))
+            for second in (joint.second, joint.first))
+        able = np.setdiff1d(known[joint.second], swapped)
+        rows = _rows(joint, edges, crossing, fixed[0], manifest.axisymmetric,
+                     all(not np.isin(2 * able + k, fixed[0]).all() for k in (0, 1)))
         for part in rows:
             part["chain"] += chain
             chain = part["chain"].max(initial=chain - 1) + 1
@@ -178,12 +182,12 @@ def _met_from(boundary, second: np.ndarray) -> np.ndarray:
     return boundary.term_gid[met]
 
 
-def _rows(joint: Joint, edges: Edges, crossing: np.ndarray, fixed: np.ndarray,
-          revolved: bool) -> list[dict]:
+def _rows(joint: Joint, edges: Edges, crossing: np.ndarray, fixed: np.ndarray, revolved: bool,
+          other_way: bool) -> list[dict]:
     """The rows of a joint for either component: arrays by name of members of ContactBoundary.
 
-    `crossing` are gids of nodes with other conditions, `fixed` keys 2 gid + component. `term_node`
-    counts within the part.
+    `crossing` are gids of nodes with other conditions, `fixed` keys 2 gid + component, `other_way`:
+    the second boundary has nodes that could carry the rows. `term_node` counts within the part.
     """
     one, two = edges.of(joint.first), edges.of(joint.second)
     shift = translation(joint, one, two, revolved) if joint.periodic else np.zeros(2)
@@ -197,9 +201,9 @@ def _rows(joint: Joint, edges: Edges, crossing: np.ndarray, fixed: np.ndarray,
         joined[k % 2] += len(part["gid"])
     held = [np.isin(2 * gids + component, fixed).all() for component in (0, 1)]
     if not joined.any() or any(not joined[k] and not held[k] for k in (0, 1)):
+        instead = f"name {joint.second} first, or " if other_way else ""
         raise InputError(f"{_words(joint)} do not face each other, or supports, contact and other "
-                         f"joints constrain all nodes of {joint.first}: name {joint.second} first, "
-                         "or take a finer mesh")
+                         f"joints constrain all nodes of {joint.first}: {instead}take a finer mesh")
     return parts
 
 

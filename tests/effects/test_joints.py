@@ -319,7 +319,9 @@ include "export.idp"
      "label 21 is periodic and tied"),
     (STRIP % (5, 5), "periodic() 4, 2", "periodic() 4, 3", "are no translates of one another"),
     (STRIP % (5, 5), "periodic() 4, 2", "periodic() 4, 9", "no boundary with label 9"),
-    (ONE_EDGE, "", "", "constrain all nodes of 2"),
+    (ONE_EDGE, "", "", "constrain all nodes of 2: take a finer mesh"),
+    (SIDE.replace("square(3, 4", "square(3, 1"), "on(4, u1 = 0)", "on(3, u1 = 0, u2 = 0)",
+     "constrain all nodes of 11: name 21 first, or take a finer mesh"),
     (TUBE, "", "", "have different radii"),
     (STRIP % (5, 5), "macro periodic() 4, 2 //", "macro periodic() 4, 2 //\nmacro contact() 2 //",
      "label 2 is periodic and declared for contact")])
