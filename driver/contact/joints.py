@@ -16,7 +16,8 @@ across it.
 
 A node that other conditions constrain as well (a support in this component, contact, another joint)
 has no multiplier: its neighbour on the edge takes the part over, as cross points of mortar methods
-want it. So has a corner of the boundary, where the tractions of one stress are two. Rows stay
+want it. So has one that a contact node of the second boundary meets, as at the tip of a crack whose
+sides press, and a corner of the boundary, where the tractions of one stress are two. Rows stay
 independent, whatever meets at the ends of joints.
 """
 
@@ -36,6 +37,7 @@ from .nodes import TURN
 APART = 0.2  # distance of the sides over their longest edge from which they do not lie together
 CONGRUENT = 1e-6  # distance of the ends of periodic sides over their length that rounding leaves
 BOWED = 0.02  # relative difference of the lengths of polygons for one curve
+HALF = 0.5  # share in what a contact node meets, above which a vertex is the one that it meets
 
 
 @dataclass(frozen=True)
@@ -156,8 +158,13 @@ def _joint_rows(boundary, joints: list[Joint], edges: Edges, manifest, fixed) ->
     for joint in joints:
         others = [known[label] for other in joints for label in (other.first, other.second)
                   if other is not joint]
-        crossing = np.unique(np.concatenate([taken, known[joint.second], *others]))
-        rows = _rows(joint, edges, crossing, fixed[0], manifest.axisymmetric)
+        crossing, swapped = (
+            np.unique(np.concatenate([taken, known[second], *others,
+                                      _met_from(boundary, known[second])]))
+            for second in (joint.second, joint.first))
+        able = np.setdiff1d(known[joint.second], swapped)
+        rows = _rows(joint, edges, crossing, fixed[0], manifest.axisymmetric,
+                     all(not np.isin(2 * able + k, fixed[0]).all() for k in (0, 1)))
         for part in rows:
             part["chain"] += chain
             chain = part["chain"].max(initial=chain - 1) + 1
@@ -165,12 +172,22 @@ def _joint_rows(boundary, joints: list[Joint], edges: Edges, manifest, fixed) ->
     return parts
 
 
-def _rows(joint: Joint, edges: Edges, crossing: np.ndarray, fixed: np.ndarray,
-          revolved: bool) -> list[dict]:
+def _met_from(boundary, second: np.ndarray) -> np.ndarray:
+    """Gids of the vertices that contact nodes among the gids `second` meet.
+
+    A row of the joint there would say of the same two vertices what contact says of them.
+    """
+    from_second = np.isin(boundary.gid[boundary.term_node], second)
+    met = boundary.term_other & from_second & (np.abs(boundary.term_value) > HALF)
+    return boundary.term_gid[met]
+
+
+def _rows(joint: Joint, edges: Edges, crossing: np.ndarray, fixed: np.ndarray, revolved: bool,
+          other_way: bool) -> list[dict]:
     """The rows of a joint for either component: arrays by name of members of ContactBoundary.
 
-    `crossing` are gids of nodes with other conditions, `fixed` keys 2 gid + component. `term_node`
-    counts within the part.
+    `crossing` are gids of nodes with other conditions, `fixed` keys 2 gid + component, `other_way`:
+    the second boundary has nodes that could carry the rows. `term_node` counts within the part.
     """
     one, two = edges.of(joint.first), edges.of(joint.second)
     shift = translation(joint, one, two, revolved) if joint.periodic else np.zeros(2)
@@ -184,9 +201,9 @@ def _rows(joint: Joint, edges: Edges, crossing: np.ndarray, fixed: np.ndarray,
         joined[k % 2] += len(part["gid"])
     held = [np.isin(2 * gids + component, fixed).all() for component in (0, 1)]
     if not joined.any() or any(not joined[k] and not held[k] for k in (0, 1)):
+        instead = f"name {joint.second} first, or " if other_way else ""
         raise InputError(f"{_words(joint)} do not face each other, or supports, contact and other "
-                         f"joints constrain all nodes of {joint.first}: name {joint.second} first, "
-                         "or take a finer mesh")
+                         f"joints constrain all nodes of {joint.first}: {instead}take a finer mesh")
     return parts
 
 

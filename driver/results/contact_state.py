@@ -134,6 +134,8 @@ class ContactState:
         if self.frictional:  # a node constrained tangentially has no row of its own, but a bound
             reach = self._reach(moved, weights)
             bound = self.held_nodes.add(self.law, held, values[0], slip, reach)
+            # one that a support holds along the normal alone has neither pressure nor friction
+            bound = np.where((b.normal_row < 0) & ~held, 0.0, bound)
             values[2] = np.where(b.tangential_row < 0, bound, values[2])
             values[1] += self.held_nodes.friction
             values[3] = self.held_nodes.states(held, values[2], values[3])

@@ -68,6 +68,25 @@ macro load1() pressure(3, 1.) //
 macro tie() 6, 5 //
 include "export.idp"
 """
+# one block on another, tied on the left (5, 6); their sides on the right (7, 8) may press: a crack
+CRACK = HEAD + """border a1(s = 0, 1) { x = 2*s; y = 0; label = 1; }
+border a2(s = 0, 1) { x = 2; y = s; label = 2; }
+border a3(s = 2, 0.7) { x = s; y = 1; label = 7; }
+border a4(s = 0.7, 0) { x = s; y = 1; label = 5; }
+border a5(s = 1, 0) { x = 0; y = s; label = 4; }
+border b1(s = 0, 0.7) { x = s; y = 1; label = 6; }
+border b2(s = 0.7, 2) { x = s; y = 1; label = 8; }
+border b3(s = 1, 2) { x = 2; y = s; label = 2; }
+border b4(s = 2, 0) { x = s; y = 2; label = 3; }
+border b5(s = 2, 1) { x = 0; y = s; label = 4; }
+addBody(buildmesh(a1(5) + a2(3) + a3(6) + a4(3) + a5(3)))
+addBody(buildmesh(b1(3) + b2(7) + b3(4) + b4(6) + b5(4)))
+""" + MATERIAL + """macro support() on(1, u1 = 0, u2 = 0) //
+macro load1() pressure(3, 1.) //
+macro contactPair() 8, 7 //
+macro tie() 5, 6 //
+include "export.idp"
+"""
 STRIP = HEAD + """border base(s = 0, 1) { x = s; y = 0; label = 1; }
 border right(s = 0, 1) { x = 1 + 0.1*sin(2*pi*s); y = s; label = 2; }
 border top(s = 1, 0) { x = s; y = 1; label = 3; }
@@ -114,6 +133,16 @@ def test_rows_are_independent_whatever_meets_at_the_ends_of_ties(built, scene):
     for text in (FOUR, SIDE.replace("square(5, 3", "square(3, 4")):
         values = np.linalg.eigvalsh(built(scene(text), subdomains=1).F)
         assert values[0] > 1e-6 * values[-1]
+
+
+@pytest.mark.parametrize("pair, tie", [("8, 7", "5, 6"), ("7, 8", "6, 5"), ("8, 7", "6, 5")])
+@pytest.mark.some(2)
+def test_rows_are_independent_at_the_tip_of_a_crack_whatever_is_named_first(built, scene, pair,
+                                                                            tie):
+    """Contact and a tie join the same two vertices there: one of them holds these, F is regular."""
+    text = CRACK.replace("() 8, 7", f"() {pair}").replace("() 5, 6", f"() {tie}")
+    values = np.linalg.eigvalsh(built(scene(text), subdomains=1).F)
+    assert values[0] > 1e-6 * values[-1]
 
 
 def test_bodies_that_nothing_pushes_settle_at_once(solved, scene):
@@ -290,7 +319,9 @@ include "export.idp"
      "label 21 is periodic and tied"),
     (STRIP % (5, 5), "periodic() 4, 2", "periodic() 4, 3", "are no translates of one another"),
     (STRIP % (5, 5), "periodic() 4, 2", "periodic() 4, 9", "no boundary with label 9"),
-    (ONE_EDGE, "", "", "constrain all nodes of 2"),
+    (ONE_EDGE, "", "", "constrain all nodes of 2: take a finer mesh"),
+    (SIDE.replace("square(3, 4", "square(3, 1"), "on(4, u1 = 0)", "on(3, u1 = 0, u2 = 0)",
+     "constrain all nodes of 11: name 21 first, or take a finer mesh"),
     (TUBE, "", "", "have different radii"),
     (STRIP % (5, 5), "macro periodic() 4, 2 //", "macro periodic() 4, 2 //\nmacro contact() 2 //",
      "label 2 is periodic and declared for contact")])

@@ -22,7 +22,8 @@ def nodes(rng, n=3) -> SimpleNamespace:
         gid=np.arange(n), weight=rng.uniform(1, 2, n), normal=normal, axisymmetric=False,
         xy=np.column_stack([np.arange(n), 0 * np.arange(n)]),
         tangent=np.column_stack([-normal[:, 1], normal[:, 0]]), following=None,
-        tangential_row=np.arange(n), columns={"wear": rng.uniform(1, 2, n)},
+        normal_row=np.arange(n), tangential_row=np.arange(n),
+        columns={"wear": rng.uniform(1, 2, n)},
         term_node=np.repeat(np.arange(n), 3), term_value=np.tile([1.0, -0.5, -0.5], n),
         way=lambda before, now: 0.3 * (now - before) * np.ones(n))
 
@@ -100,6 +101,20 @@ def test_a_node_without_a_tangential_row_has_a_bound_and_no_wear():
         assert found[C.SIGMA_T][1] * b.weight[1] == pytest.approx(force)
         np.testing.assert_allclose(found["held"], [0.0, -force, 0.0])
         assert found[C.STATUS][1] == (SLIP if all(constrained) else 1)
+
+
+def test_a_node_that_a_support_holds_along_the_normal_has_no_bound():
+    """It has no row: what the law gives without pressure is no traction that acts on it."""
+    of = made(np.random.default_rng(5))
+    of.boundary.normal[1], of.boundary.tangent[1] = [1.0, 0.0], [0.0, 1.0]
+    of.constrained[1] = [True, False]
+    of.boundary.normal_row[1] = of.boundary.tangential_row[1] = -1
+    of.rows.normal, of.rows.normal_node = np.array([0, 1]), np.array([0, 2])
+    of.rows.tangential, of.rows.tangential_node = np.array([2, 3]), np.array([0, 2])
+    of.law = SimpleNamespace(friction_bound=lambda force: 0.7 + 0.4 * np.abs(force))
+    ended = step(1.0, np.array([1.0, 2.0, 3.0, 4.0]), np.zeros(2))
+    found = of.evaluate(ended, np.zeros((9, 2)))
+    assert (found[C.BOUND] > 0).tolist() == [True, False, True] and found[C.SIGMA_T][1] == 0
 
 
 def test_held_nodes_obey_laws_of_their_way():
