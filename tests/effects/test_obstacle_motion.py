@@ -389,7 +389,7 @@ def more(new: str, reason: str):
     more("macro obstacleAngle(t) t //\nmacro obstaclePivot() [0., 0.] //", "shape is not known"),
     more(SHIFT + "\nmacro obstaclePivot() [0., 0.] //", "obstaclePivot is declared without"),
     more("macro gap() 0.1 //\nmacro gapInTime(t) t //", "gap and gapInTime are both declared"),
-    ("macro gap() (0.1*x) //\n" + SHIFT, "slides along it, but its gap varies"),
+    ("macro gap() (0.1*x) //\n" + SHIFT, "slides along it, but its gap is not const"),
     more(SHAPE + "macro obstacleInTime(x, y, t) t //", "obstacle and obstacleInTime are both"),
     ("macro obstacle(x, y) (-1. - y) //\nmacro obstacleY(t) t //", "covers the contact boundary"),
     more("macro obstacleInTime(x, y, t) (y/(1. - t)) //", "cannot be evaluated"),
