@@ -28,8 +28,8 @@ ENOUGH = 64  # steps of a companion up to which there may be more, so that it mi
 OF_MESHES, OF_STEPS, OF_JUMPS = "coarser meshes", "time steps", "jumps over cycles"
 OF_TOLERANCES, OF_PRICES = "tolerances", "price of the next digit"
 UNTRIED = "no run with more steps to compare with"
-UNLOOKED = ("the part of the time step was not looked at: it takes runs with more steps, and with "
-            "no part of the mesh known there would be no total")
+UNLOOKED = ("the time step's part was not computed: it needs runs with more steps, and without a "
+            "known mesh part there would be no total")
 STIFFLY = 0.25  # of the displacement, by which one more mesh makes it larger
 TIGHTER = 100.0  # tolerances of the companions that tell what those of the run leave
 LEFT = 2.0  # safety of what they tell: another mesh answers by chance with more or less
@@ -199,8 +199,9 @@ class Companions:
         good = unresolved.alike(solved)
         if len(good) < len(solved):
             other = " ".join(name_of(*pair) for pair in self.meshes[len(good) + 1].items())
-            self.notes.append(f"companion {other}: forces or displacements are twice those of the "
-                              "finer mesh, or more: on so coarse a mesh it is another problem")
+            self.notes.append(f"companion {other}: forces or displacements are at least twice "
+                              "those of the finer mesh: so coarse a mesh represents another "
+                              "problem")
         touches = [self.level(mesh, each).touch
                    for mesh, each, _ in zip(self.meshes[1:], (1, stride), good)]
         problems = [self.levels.problem(**mesh) for mesh in self.meshes[:len(good) + 1]]
@@ -225,8 +226,8 @@ class Companions:
         change = way - coarse["displacement"]
         if change <= STIFFLY * abs(way):
             return []
-        return ["linear triangles may be too stiff, as they are in bending: the displacement grew "
-                f"by {100 * change / way:.0f} % of it from the next coarser mesh, and may grow on; "
+        return ["linear triangles may be too stiff, as in bending: the displacement grew by "
+                f"{100 * change / way:.0f} % from the next coarser mesh, and may grow further; "
                 "ELEMENT=P2"]
 
     def _time(self, wanted: bool = True) -> dict[str, Part]:

@@ -441,7 +441,7 @@ def test_runs_of_a_search_that_take_long_are_told_in_lines(tmp_path, monkeypatch
     execute(Run.from_pairs({"scene": "cantilever", "accuracy": "10%", "figures": "no",
                             "out": str(tmp_path / "out")}))
     said = capfd.readouterr().out
-    assert "cantilever: ACCURACY, run 1, step 1/1, 0 s left of it" in said
+    assert "cantilever: ACCURACY, run 1, step 1/1, 0 s remaining" in said
     assert "ACCURACY, run 2, step" in said and "error estimates" not in said
 
 
