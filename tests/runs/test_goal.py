@@ -301,7 +301,7 @@ def test_displacements_of_supports_end_a_search(error, sizes, ends):
     if not ends:
         search._refuse_supported(entry)
         return
-    with pytest.raises(NotConverged, match="support.*may be 2.5 %; reached: 3.5 %"):
+    with pytest.raises(NotConverged, match="support.*possibly 2.5 %; reached: 3.5 %"):
         search._refuse_supported(entry)
 
 
@@ -322,7 +322,7 @@ def test_what_a_force_that_loads_give_leaves_open_is_named(force, pressure, unna
     search.asked, search.name, search.unnamed = 0.02, "normal_resultant", unnamed
     search.budget = lambda: {"peak_pressure": {"relative": pressure},
                              "normal_resultant": {"relative": force}}
-    assert ("ACCURACY=2%,peak_pressure asks" in search.others()) is said
+    assert ("ACCURACY=2%,peak_pressure requests" in search.others()) is said
 
 
 def test_tolerances_are_measured_against_runs_that_are_there():
@@ -494,7 +494,7 @@ def test_what_is_zero_has_no_relative_error():
 def test_a_request_beyond_the_limits_is_refused_with_what_was_reached(solved, monkeypatch):
     monkeypatch.setattr(goal, "LARGEST", 3000)
     run = solved("cantilever", accuracy="0.0001%")
-    assert run.status == 4 and "would take CELLS=" in run.reason and "reached" in run.reason
+    assert run.status == 4 and "would need CELLS=" in run.reason and "reached" in run.reason
     assert run.summary["accuracy"]["reached"] > 1e-6
 
 
@@ -513,7 +513,7 @@ def test_mistakes(solved, tmp_path):
     for options, said in ((dict(cells=3), "ACCURACY chooses CELLS itself"),
                           (dict(accuracy="2"), "expects a relative error"),
                           (dict(accuracy="1%,slip"),
-                           "'slip', which is none of the scene's quantities: displacement")):
+                           "'slip', which is not among the quantities of the scene: displacement")):
         run = solved("cantilever", **{"accuracy": "1%", **options})
         assert run.status == 2 and said in run.reason and "\n" not in run.reason, run.reason
     fixed, text = tmp_path / "fixed.edp", (

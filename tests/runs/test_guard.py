@@ -523,7 +523,7 @@ def test_two_studies_do_not_work_in_one_place(tmp_path):
     with subprocess.Popen([sys.executable, "-c", other], stdin=subprocess.PIPE,
                           stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout.readline() == "there\n"
-        with pytest.raises(InputError, match="is where another make hard works: wait"):
+        with pytest.raises(InputError, match="is in use by another make hard: wait"):
             guard.study_folder(tmp_path, "hard")
         process.communicate("\n")
     for _ in range(2):
