@@ -49,7 +49,7 @@ def test_bodies_that_stay_unbalanced_are_named():
     said = FreeBodies.why_unbalanced(bodies, None, None)
     assert "20 % of the forces on bodies 1, 3, which" in said and "body 1 is pulled" in said
     bodies._shares = lambda load, x: np.array([1.0, 0.01, 0.002, 0.03])
-    assert "rub, 100 % of the forces on body 1, which" in FreeBodies.why_unbalanced(
+    assert "bodies 100 % of the forces on body 1, which" in FreeBodies.why_unbalanced(
         bodies, None, None)
 
 
