@@ -139,7 +139,7 @@ class Cycles:
         rows = self.past.rows
         if self.given is not None or not self.choice.settles or rows and rows[-1]["settled"]:
             return []
-        return [f"the cycles have not settled after {self.past.number} cycles: CYCLES=\"n until "
+        return [f"the cycles have not settled after cycle {self.past.number}: CYCLES=\"n until "
                 "settled\" allows more"]
 
     # ---- checkpoints -----------------------------------------------------------------------------

@@ -656,5 +656,5 @@ macro friction() 0.4 //
 include "export.idp"
 """)
     run = solved(path, accuracy="50%,normal_resultant")
-    assert run.status == 0 and any("amplitude 2 departs" in line for line in
+    assert run.status == 0 and any("amplitude 2 deviates" in line for line in
                                    run.summary["warnings"])
