@@ -1,7 +1,7 @@
-"""Every option of the command line, in one table: its values, default, who takes and who reads it.
+"""Every option of the command line in one table: values, default, commands and reader.
 
-From TABLE and COMMANDS come the parsing and the checks of every command, the solver's Settings,
-`make help` and the reference of options. A new option is a line here and the line that reads it.
+The parsing and checks of every command, the solver's Settings, `make help` and the reference of
+options are made from TABLE and COMMANDS. A new option is a line here and the line that reads it.
 
     python3 -m driver.options        what `make help` shows of the commands
 """
@@ -79,21 +79,22 @@ COMMANDS = {command.name: command for command in (
     Command("run", "one scene, by name or path to an .edp; alone: list the scenes", True),
     Command("model", "the model example under both loading histories, or one of them", True,
             "make model decides on {name} itself"),
-    Command("table", "the slides' table, ours beside theirs"),
-    Command("effects", "a scene as declared and with each effect left out in turn", True,
+    Command("table", "the table of the slides beside our own results"),
+    Command("effects", "a scene as declared, and with each effect left out in turn", True,
             "the study decides on {name} itself"),
     Command("study", "many values of one parameter on one export: FRICTION=0.05:1.0:100 or a,b,c",
             True, "a study has one mesh and no estimates or fields; {name} belongs to single runs"),
     Command("accuracy", "what accuracy costs: every numerical choice in turn, coarse to fine", True,
             "the study decides on {name} itself"),
-    Command("bench", "what runs cost, beside the slides, other programs and the machine's limits"),
+    Command("bench", "cost of runs, compared with the slides, other programs and limits of the "
+            "machine"),
     Command("hard", "the hard cases, each solved and checked or refused"),
     Command("verify", "published cases of other codes and closed forms, solved and compared"),
     Command("saddle", "write and draw the FETI-DP saddle-point matrix of a small case", True,
             "the matrix does not depend on {name}"),
-    Command("docs", "renew what the documents take from the code and from reference files"),
+    Command("docs", "update the generated parts of the documents"),
     Command("figures", "redraw the figures of finished runs from their files"),
-    Command("report", "renew report.html, the page of a finished run or study, from its files"),
+    Command("report", "make report.html of a finished run or study again from its files"),
 )}
 
 # ---- the table -----------------------------------------------------------------------------------
@@ -112,15 +113,15 @@ RUNS = (
            "none, needed by PART=sweeps"),
     Option("scene", text("name|path"), "model", FRONT, ("saddle",), "the scene"),
     Option("np", whole("a number of ranks", 1), None, FRONT, SOLVES,
-           "MPI ranks, for FreeFEM and the solver",
-           "the slots of the hosts; on this one as many as the size pays for, for the solver"),
+           "number of MPI ranks of FreeFEM and the solver",
+           "slots of the hosts; on this host as many solver ranks as pay off for the size"),
     Option("hosts", path("file"), None, FRONT, SOLVES, "file of the hosts on which ranks start, "
-           "'name slots=n' in a line; they share the directory of OUT",
-           "those that Slurm or PBS allotted, else this one"),
-    Option("out", path(), None, FRONT, ("run",), "directory of the results; a run that has "
-           "converged replaces an older one there", "results/<scene>"),
-    Option("out", path(), None, FRONT, ("model",), "directory of the results; with both loadings "
-           "the start of its name", "results/model-<loading>"),
+           "a line 'name slots=n' for each; all must share the directory of OUT",
+           "hosts allotted by Slurm or PBS, else this host"),
+    Option("out", path(), None, FRONT, ("run",), "directory of the results; a converged "
+           "run replaces an older run there", "results/<scene>"),
+    Option("out", path(), None, FRONT, ("model",), "directory of the results; with both "
+           "loadings the first part of its name", "results/model-<loading>"),
     Option("out", path(), None, FRONT, ("study",), "directory of the results",
            "results/study/<scene>-<parameter>"),
     Option("out", path(), None, FRONT, ("accuracy",), "directory of the results",
@@ -130,9 +131,9 @@ RUNS = (
                               ("verify", "verify"),
                               ("saddle", "saddle"))),
     Option("out", path(), None, FRONT, ("figures", "report"),
-           "directory of a finished run or study", "all in results/, however deep"),
+           "directory of a finished run or study", "all in results/, at any depth"),
     Option("resume", YES_NO, True, FRONT, (*SINGLE, "effects"),
-           "go on where an interrupted run of the same command has stopped"),
+           "continue an interrupted run of the same command after its last finished step"),
     Option("adapt", whole("a number of refinement cycles", 0, MOST_CYCLES), 0, FRONT,
            (*SINGLE, "effects"), "cycles of adaptive refinement before the run itself"),
     Option("accuracy", SHARE, None, FRONT, (*SINGLE, "effects"),
@@ -141,93 +142,98 @@ RUNS = (
            excludes=("cells", "h", "remesh", "steps", "rtol", "friction_rtol", "primal_rtol",
                      "adapt", "quantity")),
     Option("quantity", text("name"), "", Reader.ESTIMATES, SINGLE,
-           "quantity of interest of which a run says what higher accuracy costs",
-           "the first with a known error that is not 0 and which the loads do not give"),
-    Option("without", NAMES, (), EXPORT, (*SINGLE, "study"), "effects of the scene that are "
-           "treated as undeclared: friction, gap, load2, quasistatic, ...", "none"),
+           "quantity of interest for which the run reports the cost of higher accuracy",
+           "the first with a known nonzero error that does not follow from the loads"),
+    Option("without", NAMES, (), EXPORT, (*SINGLE, "study"), "effects of the scene to "
+           "treat as undeclared: friction, gap, load2, quasistatic, ...", "none"),
     Option("errors", choice("yes", "energy", "no"), "yes", Reader.ESTIMATES, SINGLE,
-           "estimate the errors of all quantities, that in the energy norm alone, or none"),
+           "estimate errors: of all quantities, in the energy norm only, or none"),
     Option("fields", YES_NO, True, Reader.OUTPUT, SINGLE,
-           "write the fields for ParaView; without them no figure shows the body"),
+           "write the fields for ParaView; without them figures do not show the body"),
     Option("figures", YES_NO, True, Reader.FIGURES, (*SINGLE, "study"), "draw the figures"),
     Option("animate", YES_NO, False, Reader.FIGURES, SINGLE,
-           "an animation of deformation and contact status (figures/animation.gif)"),
-    Option("quiet", YES_NO, False, Reader.OUTPUT, (*SINGLE, "study"), "no progress on the screen"),
+           "draw an animation of deformation and contact status (figures/animation.gif)"),
+    Option("quiet", YES_NO, False, Reader.OUTPUT, (*SINGLE, "study"), "do not show progress on the "
+           "screen"),
 )
 
 # numerical parameters of scenes, which FreeFEM checks
 MESHES = (
     Option("subdomains", text("NxM|n|auto|piece"), None, EXPORT, MESHING,
-           "structured cut, number of parts by the graph partitioner, a number that suits the size "
-           "(auto), or parts as the scene numbers them", "the scene's, else auto"),
+           "structured cut NxM; n subdomains by the graph partitioner; a number that suits the "
+           "size (auto); or as numbered by the scene (piece)", "that of the scene, else auto"),
     Option("cells", text("n"), None, EXPORT, MESHING,
-           "cells along a subdomain's side; of scenes on rectangles", "the scene's"),
+           "cells along the side of a subdomain; for scenes on rectangles", "that of the scene"),
     Option("h", text("length"), None, EXPORT, MESHING,
-           "length of an element's side in the scene's unit; of other scenes", "the scene's"),
+           "element size in the length unit of the scene; for other scenes", "that of the scene"),
     Option("remesh", text("factor"), None, EXPORT, MESHING,
-           "length of elements over that in the scene's own mesh, of which another one is made; of "
-           "scenes that read neither CELLS nor H, and of meshes from files", "1"),
+           "remesh with the element sizes of the scene's own mesh times this factor; for scenes "
+           "that read neither CELLS nor H, and for meshes from files", "1"),
     Option("element", choice("P1", "P2", "P2-mixed"), "P1", EXPORT, MESHING, "linear or quadratic "
-           "triangles; P2-mixed: for materials that hardly change their volume"),
+           "triangles; P2-mixed: for nearly incompressible materials"),
     Option("steps", text("n"), None, EXPORT, MESHING,
-           "equal time steps; a static scene has one", "the scene's"),
+           "number of equal time steps; a static scene has one", "that of the scene"),
 )
 
 # numerical options of the solver, each with a default that suits most runs; tolerances are relative
 SETTINGS = (
     Option("rtol", TOLERANCE, 1e-8, SOLVER, SOLVING,
-           "QP: norm of the projected gradient relative to that of the right-hand side d"),
+           "tolerance of a QP: norm of the projected gradient over that of the right-hand side d"),
     Option("friction_rtol", TOLERANCE, 1e-6, SOLVER, SOLVING,
-           "fixed point: change of lambda_n over lambda_n; balance of bodies without support"),
+           "tolerance of the fixed point: change of lambda_n over lambda_n; also of the "
+           "equilibrium of bodies without support"),
     Option("primal_rtol", TOLERANCE, 1e-6, SOLVER, SOLVING,
-           "all residuals in summary.json but equilibrium, relative to deformations and forces; "
-           "where one is larger, the step goes on with tighter RTOL and FRICTION_RTOL, and ends "
-           "with status 4 if that does not lower it"),
+           "tolerance of all residuals in summary.json except equilibrium, relative to "
+           "deformations and forces; if a residual is larger, the step continues with tighter "
+           "RTOL and FRICTION_RTOL; if that does not help, the run ends with status 4"),
     Option("max_fixed_point", whole("a whole number", 1), 100, SOLVER, SOLVING,
-           "iterations of the fixed point in a time step"),
+           "largest number of fixed-point iterations in a time step"),
     Option("max_products", whole("a whole number", 1), 200_000, SOLVER, SOLVING,
-           "products with the dual operator in a QP"),
+           "largest number of products with the dual operator in a QP"),
     Option("preconditioner", choice("deflated", "dirichlet", "none"), "deflated", SOLVER, SOLVING,
-           "Dirichlet with slowly varying contact tractions deflated, Dirichlet alone, or none"),
+           "Dirichlet with deflation of slowly varying contact tractions, Dirichlet alone, or "
+           "none"),
     Option("predictor", choice("load", "previous"), "load", SOLVER, SOLVING,
-           "start a step from multipliers extrapolated with the load, or from the previous ones"),
+           "start a step from multipliers extrapolated with the load, or from those of the last "
+           "step"),
     Option("inner_rtol", TOLERANCE, 0.1, SOLVER, SOLVING, "residual reduction of a QP before its "
-           "friction bound is renewed; a tiny value solves every QP to RTOL"),
+           "friction bound is updated; a tiny value solves every QP to RTOL"),
     Option("estimator", choice("equilibrated", "recovery", "none"), "equilibrated",
            Reader.ESTIMATES, SOLVING,
-           "error in the energy norm: a guaranteed bound, averaged stresses (no bound), or none"),
+           "estimate of the error in the energy norm: guaranteed bound, averaged stresses (no "
+           "bound), or none"),
     Option("expansion", choice("contact", "cg", "gradient"), "contact", SOLVER, SOLVING,
-           "expansion step of MPRGP: contact solved for the gluing multipliers of the CG step, "
-           "that step projected, or a gradient step of fixed length"),
+           "expansion step of MPRGP: contact solved for the gluing multipliers of the CG step; "
+           "the projected CG step; or a gradient step of fixed length"),
     Option("corrector", choice("contact", "none"), "contact", SOLVER, SOLVING,
-           "before each QP solve contact and friction for given gluing multipliers (of condensed "
-           "studies: by Newton's method), or do not"),
+           "whether contact and friction are solved for given gluing multipliers before each QP "
+           "(in condensed studies by Newton's method)"),
     Option("linearization", choice("initial", "updated"), "initial", SOLVER, SOLVING,
-           "contact between bodies about the initial geometry, or updated once about the "
-           "displacements of a first run; not with largeSliding, whose contact follows"),
-    Option("uniqueness", choice("auto", "yes", "no"), "auto", SOLVER, SOLVING, "look for other "
+           "contact between bodies linearized about the initial geometry, or updated once about "
+           "the displacements of a first run; not with largeSliding, which follows the motion"),
+    Option("uniqueness", choice("auto", "yes", "no"), "auto", SOLVER, SOLVING, "search for other "
            "solutions of every step; auto: where few contact nodes, friction or doubt suggest it, "
-           "up to the first step that has some"),
+           "up to the first step that has other solutions"),
     Option("cycles", CYCLES, EVERY, SOLVER, SOLVING,
-           "of a history that is repeated: another number of cycles; an end once they have "
-           "settled; or cycles skipped while growth is steady, with this error allowed per skip, "
-           "relative to the growth; 'n until settled' and 'n jump 1%' have a number, too",
-           "the scene's"),
+           "for a repeated history: number of cycles (n); stop when they have settled (until "
+           "settled); or jump over cycles while growth is steady (jump 1%: allowed error of a jump "
+           "relative to the growth); 'n until settled' and 'n jump 1%' give the number, too",
+           "those of the scene"),
 )
 
 STUDIES = (
     Option("rows", several(*"12345"), tuple("12345"), STUDY, ("table",),
-           "rows of the table: 8, 32, 128, 512, 2048 subdomains", "all"),
+           "rows of the table, with 8, 32, 128, 512, 2048 subdomains", "all"),
     Option("method", several("default", "plain"), ("default", "plain"), STUDY, ("table",),
-           "the driver as it comes, and the slides' own method", "both"),
-    Option("fresh", YES_NO, False, STUDY, ("table",), "make rows anew that are there already"),
+           "default method of the driver, and the method of the slides", "both"),
+    Option("fresh", YES_NO, False, STUDY, ("table",), "compute existing rows again"),
     Option("part", choice("sweeps", "locking", "curved", "stopping", "coverage", "prices",
                           "requests", "handpicked"),
            "sweeps", STUDY, ("accuracy",),
-           "sweeps of a scene; how elements converge near incompressibility, or with curved sides; "
-           "what stopping by the error budget saves on the model example; whether claimed errors "
-           "hold; whether prices of accuracy do; whether ACCURACY keeps its word; or what it takes "
-           "over settings by hand"),
+           "sweeps of a scene; convergence of elements near incompressibility (locking) or with "
+           "curved sides; savings from stopping by the error budget on the model example; "
+           "tests of claimed errors (coverage), of price lists, of ACCURACY (requests), and of its "
+           "cost against settings by hand"),
     Option("rows", several(*"12345"), tuple("1234"), STUDY, ("accuracy",), "PART=stopping: "
            "meshes, coarse to fine, with as many subdomains as those of the table", "1,2,3,4"),
     Option("effort", choice("quick", "full"), "full", STUDY, ("accuracy",), "length of the sweeps"),
@@ -239,26 +245,26 @@ STUDIES = (
                             "stages", "ranks", "studies", "bodies"), None, STUDY, ("bench",),
            "parts of the benchmark", "all"),
     Option("large", YES_NO, False, STUDY, ("bench",),
-           "GetFEM at h = 1/160, 1/320 and on an own mesh of 85,000 dofs too, which takes half an "
-           "hour, PARTS=geometry at 1,000,000 dofs, and PARTS=ranks with 100,000 subdomains"),
+           "include GetFEM at h = 1/160, 1/320 and on a mesh of its own with 85,000 dofs (half an "
+           "hour), PARTS=geometry with 1,000,000 dofs, PARTS=ranks with 100,000 subdomains"),
     Option("family", several("material", "geometry", "contact", "friction", "scale", "support",
                              "bodies", "element", "algorithm", "environment", "random"), None,
            STUDY, ("hard",), "families of cases; random: scenes drawn from seeds", "all"),
     Option("case", text("text"), "", STUDY, ("hard", "verify"),
-           "cases with this text in their names",
+           "run only cases with this text in their names",
            "all"),
     Option("seed", whole("a whole number", 0), 1, STUDY, ("hard",),
            "FAMILY=random: the first seed"),
     Option("count", whole("a number of scenes", 1), 200, STUDY, ("hard",),
-           "FAMILY=random: how many scenes, with one seed after the other"),
+           "FAMILY=random: number of scenes, with consecutive seeds"),
     Option("fast", YES_NO, False, STUDY, ("hard", "verify"),
-           "only what make test runs; of hard cases at the first size"),
+           "run only what make test runs; hard cases at the first size"),
     Option("page", YES_NO, False, STUDY, ("verify",),
-           "renew edp/verify/README.md and its pictures too"),
+           "also update edp/verify/README.md and its pictures"),
     Option("gallery", choice("no", "missing", "yes"), "no", STUDY, ("docs",),
-           "run the scenes and draw their pictures, those that are missing or all"),
+           "run scenes and draw their pictures: none, missing ones, or all"),
     Option("jobs", whole("a number of processes", 1), CORES, STUDY, ("hard", "verify"),
-           "cases that run at a time", "as many as there are cores"),
+           "number of cases that run at the same time", "number of cores"),
 )
 
 SECTIONS = {"Runs": RUNS, "Mesh and time steps": MESHES, "Solver": SETTINGS, "Studies": STUDIES}
@@ -308,8 +314,8 @@ def read(command: str, pairs: dict[str, str]) -> Given:
     for name in given:
         for other in known[name].excludes:
             if other in pairs:
-                raise InputError(f"{name.upper()} chooses {other.upper()} itself: leave one of "
-                                 "them out")
+                raise InputError(f"{name.upper()} chooses {other.upper()} itself: leave out one of "
+                                 "the two")
     settings = {option.name for option in SETTINGS}
     parameters = {name: value for name, value in pairs.items()
                   if name not in known or known[name] in MESHES}

@@ -1,7 +1,7 @@
-"""The quantities of interest: few numbers that users read, each with a limit under refinement.
+"""The quantities of interest: the few numbers that users read first.
 
-Their meanings and units, and what their errors depend on. results/quantities.py finds the values;
-the rooms of effects say which of them a scene has.
+Their meanings and units, and what their errors depend on. results/quantities.py computes the
+values; the rooms of effects say which quantities a scene has.
 """
 
 from dataclasses import dataclass
@@ -30,24 +30,24 @@ class Quantity:
 
 QUANTITIES = {
     "peak_pressure": Quantity(
-        (1, 0), LOCAL, "largest contact pressure, between nodes by the parabola through three, "
-        "with linear elements at ends of the boundary continued from inside; of bilateral "
-        "contact the largest abs(sigma_n)", caution=1.6, limit=False),
+        (1, 0), LOCAL, "largest contact pressure: between nodes from a parabola through three "
+        "nodes, at ends of the boundary (linear elements) extrapolated from inside; with "
+        "bilateral contact the largest abs(sigma_n)", caution=1.6, limit=False),
     "normal_resultant": Quantity(
-        (1, 1), LINEAR, "contact pressure summed over the contact boundary", caution=1.2,
+        (1, 1), LINEAR, "contact pressure integrated over the contact boundary", caution=1.2,
         summed=True),
     "tangential_resultant": Quantity(
-        (1, 1), LINEAR, "shear traction sigma_t summed over the contact boundary, with its sign",
+        (1, 1), LINEAR, "shear traction sigma_t integrated over the contact boundary, with sign",
         summed=True),
     "contact_length": Quantity(
-        (0, 1), LOCAL, "length in contact, its ends located between nodes"),
+        (0, 1), LOCAL, "length in contact, with its ends interpolated between nodes"),
     "slip": Quantity(
         (0, 1), LOCAL, "largest accumulated slip of a point in contact since time 0"),
     "dissipated_energy": Quantity(
-        (1, 2), INTEGRAL, "work that friction has taken since time 0",
+        (1, 2), INTEGRAL, "energy dissipated by friction since time 0",
         order_in_time=2.0),  # by the trapezoid of its friction bound
     "worn_volume": Quantity(
-        (0, 2), INTEGRAL, "what wear has taken away since time 0, where it is declared",
+        (0, 2), INTEGRAL, "volume worn off since time 0, if the scene declares wear",
         caution=1.7),
     "displacement": Quantity((0, 1), LINEAR, "largest displacement of a node"),
 }

@@ -7,7 +7,8 @@ class Room(Effect):
     """Hoop strains u_r / r; forces, energies and weights are those of the whole revolution."""
 
     summary = {"axisymmetric": True}
-    estimates, why = ESTIMATE, "stresses in equilibrium, which make a bound, are made of plane ones"
+    estimates = ESTIMATE
+    why = "equilibrated stresses, which give a bound, exist for plane problems only"
 
     def ledger(self, facts: RunFacts) -> dict[str, dict]:
         """Always active: no part of such a body is plane."""

@@ -19,7 +19,7 @@ class Room(Effect):
     """A nodal column: the exponent m > 0."""
 
     closes = True
-    estimates, why = ESTIMATE, "the bound knows no energy of the asperities"
+    estimates, why = ESTIMATE, "the bound does not include the energy of asperities"
 
     def prepare(self, contact) -> None:
         """Law of the nodes: p = c z^m; c = 0 is a smooth surface.
@@ -29,7 +29,8 @@ class Room(Effect):
         self.c, self.m = contact.columns["normal_compliance"], contact.columns[self.name]
         if np.any((contact.columns.get("bilateral", 0) > 0) & (self.c > 0) & (self.m != 1)):
             raise InputError("bilateral contact where normalComplianceExponent is not 1: a power "
-                             "of the closure says nothing of tension; leave one of them out there")
+                             "law of the closure is not defined for tension; leave out one of them "
+                             "there")
         self.weight = contact.faced
 
     def about(self, contact) -> None:

@@ -19,18 +19,18 @@ class Room(Effect):
                 and 0 <= start < manifest.steps):
             raise InputError("cycles must have a start and a count; run the scene again")
         if "large_sliding" in manifest.rooms:
-            raise InputError("cycles cannot be judged where contact follows the motion: nodes meet "
-                             "another place in every cycle; leave cycles or largeSliding out")
+            raise InputError("cycles cannot be compared where contact follows the motion, as nodes "
+                             "meet another place in every cycle: leave out cycles or largeSliding")
         self.repeats = start, count
         self.summary = {"cycles": count}
         period = manifest.t_end * (1 - start / manifest.steps)
         for number, history in manifest.amplitudes.items():
             if abs(history[-1] - history[start]) > SAME * max(LEAST, *map(abs, history)):
                 raise InputError(
-                    f"a cycle ends where it begins, but amplitude{number} is {history[start]:g} at "
-                    f"time {manifest.t_end - period:g}, where the cycle begins, and "
-                    f"{history[-1]:g} at its end: declare one cycle in the history, and where it "
-                    "begins by  macro cycleStart() time //")
+                    f"a cycle must end as it begins, but amplitude{number} is {history[start]:g} "
+                    f"at time {manifest.t_end - period:g}, when the cycle begins, and "
+                    f"{history[-1]:g} at its end: declare one cycle in the history, and its start "
+                    "by  macro cycleStart() time //")
 
     def ledger(self, facts: RunFacts) -> dict[str, dict]:
         """It matters in every step."""

@@ -16,7 +16,7 @@ class Room(Effect):
     """
 
     summary = {"large_sliding": True}
-    estimates, why = ESTIMATE, "the bound knows the contact conditions of one geometry alone"
+    estimates, why = ESTIMATE, "the bound uses the contact conditions of one geometry only"
 
     def __init__(self, name: str, manifest):
         super().__init__(name, manifest)
@@ -64,8 +64,8 @@ class Room(Effect):
             turned = np.abs(nodes.normal[here] - nodes.normal[first]).max()
             if turned > EVEN or np.ptp(offset[here]) > EVEN * size:
                 raise InputError(
-                    f"largeSliding: the obstacle of label {label} is known beside the label only "
-                    "where it is a plane: give its shape by  macro obstacle(x, y) phi //")
+                    f"largeSliding: the obstacle of label {label} is not a plane, so its shape "
+                    "beside the label is unknown: give it by  macro obstacle(x, y) phi //")
         return offset
 
     def ledger(self, facts: RunFacts) -> dict[str, dict]:

@@ -18,7 +18,7 @@ class Room(Effect):
     """A nodal column: the asperities' stiffness per area, zero where the surface is smooth."""
 
     summary = {"normal_compliance": True}
-    estimates, why = ESTIMATE, "the bound knows no energy of the asperities"
+    estimates, why = ESTIMATE, "the bound does not include the energy of asperities"
 
     def yields(self, contact) -> np.ndarray:
         """(n_c,) whether the surface is rough."""

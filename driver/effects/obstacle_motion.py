@@ -60,9 +60,9 @@ class Room(Effect):
         if cycles := self.manifest.rooms.get("cycles"):
             motion.again = cycles["start"]
             if not motion.returns():
-                raise InputError("a cycle ends where it begins, but an obstacle stands elsewhere "
-                                 "at its end: give obstacleX, obstacleY and obstacleAngle the "
-                                 "same values there as at cycleStart()")
+                raise InputError("a cycle must end as it begins, but an obstacle is at another "
+                                 "place at its end: give obstacleX, obstacleY and obstacleAngle "
+                                 "the same values there as at cycleStart()")
         return motion
 
     def ledger(self, facts: RunFacts) -> dict[str, dict]:
@@ -92,9 +92,9 @@ def _distance(phi: np.ndarray, slope: np.ndarray, nodes, times: np.ndarray) -> n
         k, node = np.argwhere(behind)[0]
         x, y = nodes.xy[node]
         raise InputError(
-            f"the obstacle covers the contact boundary at ({x:g}, {y:g}) at the time "
-            f"{times[k]:g}, but does not face it there: its function is positive outside; contact "
-            "belongs on boundaries that it comes to from outside, along their normals")
+            f"the obstacle covers the contact boundary at ({x:g}, {y:g}) at the time {times[k]:g}, "
+            "but does not face it there: its function must be positive outside, and contact is for "
+            "boundaries that the obstacle approaches from outside, along their normals")
     return phi / size / np.maximum(facing, FACING)
 
 
@@ -111,5 +111,5 @@ def _refuse_uneven(nodes, distance: np.ndarray, along: np.ndarray) -> None:
         here = own & (nodes.label == label)
         if along[:, here].any() and np.ptp(distance[here]) > EVEN * size:
             raise InputError(
-                f"the obstacle of label {label} slides along it, but its gap varies from place to "
-                "place: give its shape by  macro obstacle(x, y) phi //, or gapInTime(t)")
+                f"the obstacle of label {label} slides along it, but its gap is not constant "
+                "there: give its shape by  macro obstacle(x, y) phi //, or gapInTime(t)")

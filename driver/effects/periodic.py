@@ -7,5 +7,5 @@ class Room(tie.Room):
     """Ties across the translation that takes one side to the other."""
 
     summary = {"periodic": True}
-    estimates, why = ESTIMATE, "stresses in equilibrium are not made across periodic boundaries"
+    estimates, why = ESTIMATE, "equilibrated stresses do not extend across periodic boundaries"
     periodic = True

@@ -22,7 +22,7 @@ class Room(Effect):
         elif facts.homogeneous and proportional(facts.amplitudes):
             active, reason = False, "loads grow in proportion: one step gives the same end"
         else:
-            active, reason = True, "friction remembers the way to the final load"
+            active, reason = True, "friction depends on the load history"
         return {"time": entry(active, reason, 0, facts.seconds["history"])}
 
 

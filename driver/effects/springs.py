@@ -14,7 +14,7 @@ class Room(Effect):
 
     labelled = True
     summary = {"springs": True}
-    estimates, why = ESTIMATE, "stresses in equilibrium have no part for what springs carry"
+    estimates, why = ESTIMATE, "equilibrated stresses do not include spring forces"
 
     def __init__(self, name: str, manifest):
         """Raises InputError for labels that the mesh lacks, and where it is not said what there is.

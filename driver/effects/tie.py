@@ -9,7 +9,7 @@ class Room(Effect):
     """Pairs of labels; the first one of each carries the multipliers, which have no bounds."""
 
     summary = {"ties": True}
-    estimates, why = ESTIMATE, "stresses in equilibrium are not made across ties"
+    estimates, why = ESTIMATE, "equilibrated stresses do not extend across ties"
     periodic = False
 
     def __init__(self, name: str, manifest):

@@ -16,7 +16,7 @@ class Room(Effect):
 
     closes, quantities = True, ("worn_volume",)
     summary = {"wear": True}
-    estimates, why = ESTIMATE, "the bound knows no surfaces that wear"
+    estimates, why = ESTIMATE, "the bound does not include wear"
 
     def prepare(self, contact) -> None:
         """Nothing has worn away."""

@@ -160,8 +160,8 @@ def half_turns(motion) -> list[str]:
     if turns[k] < np.pi * (1 - ROUNDING):
         return []
     return [f"obstacleAngle turns an obstacle by {turns[k]:.3g} rad, {turns[k] / (2 * np.pi):.2g} "
-            f"turns, in step {k + 1}: where it stands in between is not seen; angles are in "
-            "radians: if that is meant, take more STEPS"]
+            f"turns, in step {k + 1}: positions in between are not computed; angles are in "
+            "radians: if this is intended, use more STEPS"]
 
 
 def misses(effects, manifest, motion, stride: int) -> bool:
@@ -296,20 +296,20 @@ def warnings(manifest, motion=None) -> list[str]:
 
     `motion` is the ObstacleMotion of the contact boundary, None where no obstacle moves.
     """
-    lines = [f"{name} departs by {100 * size:.0f} % of its largest value from the steps, most at "
-             f"time {time:.4g}: they miss where the obstacle is there; "
-             "more STEPS follow it better, at kinks stepTimes without STEPS"
+    lines = [f"{name} deviates between steps by {100 * size:.0f} % of its largest value, most at "
+             f"time {time:.4g}: the steps do not follow the obstacle there; use more STEPS, or for "
+             "kinks stepTimes without STEPS"
              for name, (size, time) in (of_obstacles(motion, manifest.steps) if motion
                                         else {}).items() if size > NOTICEABLE]
     for d in departures(manifest):
         better = steps_at(d.kinks, manifest.steps, manifest.t_end)
-        remedy = ("no number of equal steps that was looked at does better: a jump needs a ramp, a "
-                  "pulse stepTimes")
+        remedy = ("no number of equal steps tried is better: replace a jump by a ramp, use "
+                  "stepTimes for a pulse")
         if d.follows:
             remedy = f"STEPS={d.follows * manifest.steps} follows it better"
         if better is not None and better > manifest.steps:
             remedy = f"STEPS={better} has a step end at every kink"
-        lines.append(f"amplitude {d.amplitude} departs by {100 * d.size:.0f} % of its largest "
-                     f"value from the steps, most in step {d.step} at time {d.time:.4g}: "
-                     f"they miss what it does there; {remedy}")
+        lines.append(f"amplitude {d.amplitude} deviates between steps by {100 * d.size:.0f} % of "
+                     f"its largest value, most in step {d.step} at time {d.time:.4g}: the steps do "
+                     f"not follow it there; {remedy}")
     return lines

@@ -343,8 +343,8 @@ class EquilibratedBound:
         vertex = mesh.triangles.ravel()[body.chains.order[0]]
         constrained = body.constrained[vertex]
         if np.abs(imbalance[constrained]).max(initial=0) > ROUNDING * size:
-            return 0.0, ("a support in a single point takes a force: "
-                         "the exact solution has no finite energy")
+            return 0.0, ("a support at a single point carries a force: the exact solution has no "
+                         "finite energy")
         square = (imbalance**2 / body.stiffness[vertex])[~constrained].sum()
         return float(np.sqrt(square)), ""
 

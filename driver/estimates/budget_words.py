@@ -27,7 +27,7 @@ def advice(quantities: dict, remedies: dict[str, str], doubtful=()) -> str:
         return f"the error of the {words} from {sources} is not known"
     largest = max(parts, key=parts.get)
     if entry["relative"] is not None and entry["relative"] < 1e-5:
-        return f"the {words} needs nothing finer"
+        return f"the {words} needs no finer settings"
     percent = 100 * parts[largest] / entry["total"]
     return (f"{percent:.0f} % of the error of the {words} is due to the {SOURCES[largest]}: "
             f"{remedies[largest]} {'may' if largest in doubtful else 'would'} lower it")
@@ -72,8 +72,8 @@ def of_sums(names, boundaries: int) -> list[str]:
     if boundaries < 2 or not set(SUMMED) & set(names):
         return []
     both = "both" if boundaries == 2 else "several"
-    return [f"sum of {boundaries}: magnitudes of the contact boundaries, added; a force that "
-            f"passes through {both} of them counts at each (boundaries.csv has each by itself)"]
+    return [f"sum of {boundaries}: the magnitudes of the contact boundaries; a force that passes "
+            f"through {both} of them counts at each (boundaries.csv lists each boundary)"]
 
 
 def unknown(budget: dict) -> list[str]:
@@ -133,11 +133,11 @@ def describe_energy(entry: dict) -> list[str]:
     parts = f"mesh {mesh}, solver {solver}, friction {friction}, correction {correction}"
     bounded = entry["kind"] == "equilibrated"
     lines = [f"error of the last step in the energy norm: {'at most' if bounded else 'about'} "
-             f"{total} ({parts})" + ("" if bounded else "; no bound, by smoothed stresses")]
+             f"{total} ({parts})" + ("" if bounded else "; from smoothed stresses, not a bound")]
     more = [f"{words} {_about(entry[name], entry['norm'])}" for name, words in (
         ("coupling", "Coulomb's law"), ("time", "time steps")) if entry.get(name)]
     if more:
-        lines.append(f"beside it in the energy norm: {', '.join(more)}")
+        lines.append(f"in addition, in the energy norm: {', '.join(more)}")
     if entry.get("excluded"):
-        lines.append(f"not in it: {', '.join(entry['excluded'])}")
+        lines.append(f"not included: {', '.join(entry['excluded'])}")
     return lines

@@ -89,8 +89,8 @@ LONE = 0.1  # of the pressing force in areas of contact of a node or two: it act
 PRESSING = 3  # nodes that press on a round boundary: fewer have but one normal
 FEWEST = {"P1": 5}  # nodes in contact that tell something of it: those of four sides ...
 QUADRATIC = 7  # ... or three, of quadratic elements
-OF_TWO = "two meshes say nothing of it"
-GRAZES = "too coarse: it may touch"
+OF_TWO = "two meshes allow no claim"
+GRAZES = "too coarse: there may be contact"
 # half of what the strongest stresses of one material leave: by chance rather than an order; adjoint
 # problems, which see the stresses themselves, then speak alone
 NO_ORDER = UNSETTLED / 2

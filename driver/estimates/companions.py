@@ -28,8 +28,8 @@ ENOUGH = 64  # steps of a companion up to which there may be more, so that it mi
 OF_MESHES, OF_STEPS, OF_JUMPS = "coarser meshes", "time steps", "jumps over cycles"
 OF_TOLERANCES, OF_PRICES = "tolerances", "price of the next digit"
 UNTRIED = "no run with more steps to compare with"
-UNLOOKED = ("the part of the time step was not looked at: it takes runs with more steps, and with "
-            "no part of the mesh known there would be no total")
+UNLOOKED = ("the time step's part was not computed: it needs runs with more steps, and without a "
+            "known mesh part there would be no total")
 STIFFLY = 0.25  # of the displacement, by which one more mesh makes it larger
 MOVED = 0.02  # of the displacement, by which it may change where supports prescribe it
 TIGHTER = 100.0  # tolerances of the companions that tell what those of the run leave
@@ -201,8 +201,9 @@ class Companions:
         good = unresolved.alike(solved)
         if len(good) < len(solved):
             other = " ".join(name_of(*pair) for pair in self.meshes[len(good) + 1].items())
-            self.notes.append(f"companion {other}: forces or displacements are twice those of the "
-                              "finer mesh, or more: on so coarse a mesh it is another problem")
+            self.notes.append(f"companion {other}: forces or displacements are at least twice "
+                              "those of the finer mesh: so coarse a mesh represents another "
+                              "problem")
         touches = [self.level(mesh, each).touch
                    for mesh, each, _ in zip(self.meshes[1:], (1, stride), good)]
         problems = [self.levels.problem(**mesh) for mesh in self.meshes[:len(good) + 1]]
@@ -230,15 +231,15 @@ class Companions:
         force = abs(self.values.get("normal_resultant", 0.0))
         less = abs(coarse.get("normal_resultant", 0.0)) - force
         if change > STIFFLY * abs(way):
-            said = f"displacement grew by {100 * change / way:.0f} % of it"
-            still = "grow on"
+            said = f"displacement grew by {100 * change / way:.0f} %"
+            still = "grow further"
         elif less > STIFFLY * force > 0 and abs(change) <= MOVED * abs(way):
-            said = f"normal resultant fell by {100 * less / force:.0f} % of it"
-            still = "fall on"
+            said = f"normal resultant fell by {100 * less / force:.0f} %"
+            still = "fall further"
         else:
             return []
-        return [f"linear triangles may be too stiff, as they are in bending: the {said} from the "
-                f"next coarser mesh, and may {still}; ELEMENT=P2"]
+        return [f"linear triangles may be too stiff, as in bending: the {said} from the next "
+                f"coarser mesh, and may {still}; ELEMENT=P2"]
 
     def _time(self, wanted: bool = True) -> dict[str, Part]:
         """Every second and fourth time; without friction only the instant counts.

@@ -21,9 +21,8 @@ from .bound import (COULOMB, EARLIER, EXCLUDED, EquilibratedBound, Estimate,
                     coupling)
 from .torn_body import Gather, TornBody, gather_body
 
-QUADRATIC = "stresses in equilibrium are made of the degree that bounds linear elements only"
-BOTH = ("where bilateral and unilateral contact meet tractions between their nodes have no single "
-        "sign")
+QUADRATIC = "equilibrated stresses have the degree that bounds linear elements only"
+BOTH = ("where bilateral and unilateral contact meet, tractions between nodes have no single sign")
 NOTHING = 1e-6  # relative displacements below this are what tolerances leave
 
 
@@ -183,7 +182,7 @@ def report(estimates: list[tuple[Step, Estimate]], kind: str, left_out=(), why: 
     if not estimates:
         return {"kind": kind}
     entries = [_entry(e) for _, e in estimates]
-    smoothed = ": ".join(filter(None, ("an estimate by smoothed stresses, no bound", why)))
+    smoothed = ": ".join(filter(None, ("an estimate from smoothed stresses, not a bound", why)))
     named = {"excluded": list(left_out)} if kind == "equilibrated" else {"why": smoothed}
     return {"kind": kind, **entries[0], **({"largest": entries[1]} if len(entries) > 1 else {}),
             **({"carrying": _entry(carrying)} if carrying else {}), **named}

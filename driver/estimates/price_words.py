@@ -24,7 +24,7 @@ def table(prices: dict) -> list[list[str]]:
         if "settings" not in entry:
             said = f"more than {MOST / 1e6:g} million unknowns"
             if entry["accuracy"] <= prices.get("least", 0.0):
-                said = "no mesh tells: others may exceed what the support prescribes"
+                said = "no mesh gives it: other displacements may exceed that of the support"
             row = [asked, said, "", "", "", ""]
             rows += [row] if rows[-1][1:] != row[1:] else []
             continue
@@ -50,4 +50,4 @@ def describe(prices: dict | None) -> list[str]:
 def title(prices: dict) -> str:
     """What a list with lines is about."""
     now = share(prices["error"], prices["value"])
-    return f"what the {words(prices['quantity'])} would take, predicted (its error now: {now})"
+    return f"predicted cost of the {words(prices['quantity'])} (present error: {now})"

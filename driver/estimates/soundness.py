@@ -48,9 +48,10 @@ def unseen_loads(problem) -> list[str]:
     Five points an edge would find other nodal forces than three: the sizes of the differences, over
     those of the forces, tell that edges miss or double some of the load, and its order of size.
     """
-    return [f"load{number} jumps inside an edge, or is too steep for the mesh: three or five "
-            f"points an edge differ by {percent(part)} of its forces, and its resultant errs by as "
-            "much or some times that; let it end where a label ends, or take a finer mesh there"
+    return [f"load{number} jumps inside an edge, or is too steep for the mesh: integration with "
+            f"three and five points per edge differs by {percent(part)} of its forces, and the "
+            "error of its resultant is that large or a few times larger; let the load end where a "
+            "label ends, or refine the mesh there"
             for number, part in _unseen(problem)]
 
 
@@ -99,7 +100,7 @@ def locking(problem, step) -> list[str]:
     change = 100 * np.sqrt(osc_p / (p + s))
     return [f"step {step.index}: {manifest.element} elements lock in the nearly incompressible "
             f"material: its pressure changes from element to element by {change:.0f} % of the "
-            "stress; displacements come out too small and contact pressures wiggle until the mesh "
+            "stress; displacements are too small and contact pressures oscillate unless the mesh "
             f"is much finer; ELEMENT={MIXED} does not lock"]
 
 
@@ -158,4 +159,4 @@ def lost_digits(problem) -> list[str]:
     remedy = ("such a ring is straight, take axisymmetric out" if its_radius
               else "move it to the origin")
     return [f"the body is {distance:.0e} times its length away from the origin: {lost:.0f} of the "
-            f"16 digits of its coordinates say where it is and not what shape it has; {remedy}"]
+            f"16 digits of its coordinates describe its position instead of its shape; {remedy}"]

@@ -23,7 +23,7 @@ APART = 1.0  # change of a quantity to the next mesh over the quantity itself, o
 BLIND = 0.25  # smoothed stresses' error in energy over its bound; that is 2.6 times the true one
 # at most in the tests, so that two thirds of the error are all that they see
 OPENS = 1.5  # power of the size of elements with which the next node opens: a corner 1, a curve 2
-OWN = "too coarse: it may be nothing but its own error"
+OWN = "too coarse: its value may be nothing but its error"
 STICKS = "no node slides on this mesh"
 PLACED = ("displacement",)  # which nodes in contact do not make
 OF_SLIP = ("slip", "dissipated_energy")
@@ -84,11 +84,11 @@ def parts(values: dict, error: float, touch: Touch, element: str, adjoint: bool,
     if 0 < touch.nodes < fewest(element):
         reason = f"{touch.nodes} nodes are in contact"
     if touch.lone > LONE:
-        reason = f"areas of contact of a node or two carry {share(touch.lone, 1.0)} of the force"
+        reason = f"contact areas of one or two nodes carry {share(touch.lone, 1.0)} of the force"
         spared = OF_CORNERS if corners and error <= COARSE else placed
     if 0 < touch.round < PRESSING:
-        reason = ("a node or two carry all, where the body or what it meets is round: take a finer "
-                  "mesh there")
+        reason = ("one or two nodes carry the whole force where the body or the other side is "
+                  "round: refine the mesh there")
         spared = placed
     if unseen:
         reason, spared = "smoothed stresses miss most of its error in energy", PLACED

@@ -50,15 +50,15 @@ SPOT = 1e-2
 TOUCH = 1e-3  # part of a body's size by which bodies may overlap unnoticed
 VERDICTS = ("ok", "questionable", "invalid")
 WORDS = {
-    "largest_strain": ("the strain is {:.2g}", "strains are taken for small",
-                       "smaller loads, or a code for finite strains"),
-    "largest_rotation": ("the body turns by {:.2g} rad", "rotations are taken for small",
-                         "smaller loads, or a code for large rotations"),
-    "largest_normal_error": ("a node in contact is off the surface that it meets by {:.2g} of the "
+    "largest_strain": ("the strain is {:.2g}", "strains are assumed small",
+                       "apply smaller loads, or use a code for finite strains"),
+    "largest_rotation": ("the body turns by {:.2g} rad", "rotations are assumed small",
+                         "apply smaller loads, or use a code for large rotations"),
+    "largest_normal_error": ("a node in contact is away from the opposite surface by {:.2g} of the "
                              "contact length", "contact is linear about the place before the load",
                              "{remedy}"),
-    "normal_turn": ("a node in contact meets a surface that is turned by {:.2g} rad against the "
-                    "normal that was used", "contact is linear about the place before the load",
+    "normal_turn": ("a node in contact meets a surface that is turned by {:.2g} rad from the "
+                    "normal used", "contact is linear about the place before the load",
                     "{remedy}"),
     "largest_slide": ("a node in contact slides along the other body by {:.2g} of the contact "
                       "length", "contact is linear about the place before the load", "{remedy}"),
@@ -66,9 +66,9 @@ WORDS = {
                          "rotations are taken for small",
                          "less turning, or a code for large rotations"),
     "overlaps": ("{labels} overlap by {:.2g} of the body's size",
-                 "contact is not declared there", "declare contact there, or smaller loads"),
+                 "contact is not declared there", "declare contact there, or apply smaller loads"),
     "gap": ("the {other} reaches through the body by {:.2g} of its size",
-            "contact starts with that much to be pushed out", "look at sign and unit of the gap")}
+            "contact starts with this overlap", "check sign and unit of the gap")}
 
 
 @dataclass
@@ -378,9 +378,9 @@ class Validity:
     def _reason(self, name: str, worst: Worst) -> str:
         """What is wrong, where, what was taken for granted and what to do."""
         what, granted, remedy = WORDS[name]
-        remedies = "smaller loads, or start from a place nearer to the final one"
+        remedies = "apply smaller loads, or start nearer to the final position"
         if worst.more.get("paired") and self.boundary.about is None:
-            remedies = "largeSliding or LINEARIZATION=updated, or smaller loads"
+            remedies = "use largeSliding or LINEARIZATION=updated, or smaller loads"
         what = what.format(worst.value, **worst.more)
         x, y = worst.place
         return (f"{what} at ({x:.4g}, {y:.4g}) in step {worst.step}, but {granted}: "

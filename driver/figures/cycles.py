@@ -38,7 +38,7 @@ def cycles(figure: Figure, run: Run) -> None:
     skipped = f", {found['skipped']} of them jumped over" if found["skipped"] else ""
     title = f"{counted(found['number'], 'cycle')}{skipped}: {found['last']['kind']}, {verdict}"
     if found["number"] == 1 and found["settled_after"] is None:
-        title = "1 cycle, none before to compare with"
+        title = "1 cycle, no previous cycle to compare with"
     run_header(figure, run, title, [], f"loop: {named}")
 
 

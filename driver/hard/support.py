@@ -15,7 +15,7 @@ CASES = [
     Case("contact alone removes a rigid motion", BLOCK, {"HOLD": "roller"}, checks=LAWS),
     Case("floating body on a frictionless floor", BLOCK,
          {"HOLD": "none", "FRICTION": 0, "PULL": 0, "LIFT": 0},
-         checks=LAWS, warning="one answer of many", fast=True),
+         checks=LAWS, warning="one of many solutions", fast=True),
     Case("floating body on too little friction", BLOCK, {"HOLD": "none", "FRICTION": 0.15},
          status=3, reason="no equilibrium: contact and friction cannot balance", fast=True),
     Case("floating body pulled up", BLOCK, {
@@ -26,7 +26,7 @@ CASES = [
     Case("squeezed too little for its weight", HELD, {**WALLS, "SQUEEZE": 1e-4, "FRICTION": 0.2},
          SIZES, status=3, reason="no equilibrium was found: .* body 1", fast=True),
     Case("disc that may turn in a groove", HELD, {"PLACE": "groove", "FRICTION": 0, "STEPS": 1},
-         SIZES, LAWS, warning="one answer of many"),
+         SIZES, LAWS, warning="one of many solutions"),
     *(Case(f"body on springs alone, {stiffness:g} of its own stiffness", SPRINGS,
            {"STIFFNESS": stiffness * 1e5, "STEPS": 4}, SPRUNG, LAWS, fast=stiffness == 1e-2)
       for stiffness in (1e-4, 1e-2, 1e3)),

@@ -133,5 +133,5 @@ class Closure:
                 self.rows.corners.reconsider()
             sliding = self.rows.sliding(x, self.rows.friction_bound(x))
         raise Unfinished(NotConverged(
-            f"{step_name(index)}: the law of worn or rough surfaces is missed by {missed:.1e} "
-            f"after {MOST} tangents; smaller steps may help"), x, gradient)
+            f"{step_name(index)}: the law of worn or rough surfaces still has an error of "
+            f"{missed:.1e} after {MOST} tangents; smaller steps may help"), x, gradient)

@@ -334,7 +334,7 @@ def without_solution(qp, bodies, index: int, load: Load, x: np.ndarray, rtol: fl
     """
     unbalanced = bodies.imbalance(load, x) > rtol
     why = bodies.why_unbalanced(load, x) if unbalanced else (
-        "the fixed point for the friction bound does not contract, and no other method found "
-        "a solution; the friction coefficient is beyond the range of a unique one")
+        "the fixed point for the friction bound does not contract, and no other method found a "
+        "solution; the friction coefficient is beyond the range of a unique solution")
     return Unfinished(NoSolution(f"{step_name(index)}: {why}"), x,
                       qp.operator.apply(x) - load.d, final)

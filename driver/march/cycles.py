@@ -139,8 +139,8 @@ class Cycles:
         rows = self.past.rows
         if self.given is not None or not self.choice.settles or rows and rows[-1]["settled"]:
             return []
-        return [f"the cycles have not settled in {self.past.number}: CYCLES=\"n until settled\" "
-                "allows more of them"]
+        return [f"the cycles have not settled after cycle {self.past.number}: CYCLES=\"n until "
+                "settled\" allows more"]
 
     # ---- checkpoints -----------------------------------------------------------------------------
     def kept(self, solver) -> dict | None:
@@ -200,9 +200,9 @@ class Cycles:
         grown = max((_largest(solver)(growth[name]) for name in counted), default=0.0)
         if row.error > 2 * (self.choice.jumps or 1.0) * row.skipped * grown > 0:
             solver.history.warnings.append(
-                f"cycle {row.cycle}: what grew by up to {grown:.3g} a cycle over the "
-                f"{row.skipped} cycles jumped over before it may err by {row.error:.3g}: a smaller "
-                "error, as in CYCLES=\"jump 0.1%\", makes shorter jumps")
+                f"cycle {row.cycle}: the jump over the {row.skipped} cycles before it has an "
+                f"estimated error of {row.error:.3g}, beside a growth of up to {grown:.3g} per "
+                "cycle: a smaller error, as in CYCLES=\"jump 0.1%\", makes shorter jumps")
 
     # ---- jumps -----------------------------------------------------------------------------------
     def _skips(self, solver, row: Cycle, growth: dict) -> int:

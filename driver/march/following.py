@@ -49,7 +49,7 @@ def by_much(missed: float) -> str:
     Bodies that jump from one place to another may hardly deform: multiples of that say nothing.
     """
     if missed >= 1:
-        return "more than the bodies deform"
+        return "more than the deformation of the bodies"
     return f"{percent(missed)} of the deformation or of the contact forces"
 
 
@@ -99,8 +99,8 @@ class FollowingSolver(QuasistaticSolver):
                 break
             if geometries == MOST:
                 error = NotConverged(
-                    f"{step_name(index)}: the contact geometry still changes after {MOST} "
-                    f"renewals, by {by_much(missed)}; smaller steps, or rounder corners, may help")
+                    f"{step_name(index)}: the contact geometry still changes after {MOST} updates, "
+                    f"by {by_much(missed)}; smaller steps or rounded corners may help")
                 break
             patterns = operator.structure.patterns
             x = step.multipliers

@@ -24,7 +24,7 @@ BESIDE = 1e-2  # part of all contact forces on a body beside which its imbalance
 WEAK = 1e-4  # part of a motion that rows feel, whose square resists it: below all tolerances
 NOTHING = 1e-12  # part of the largest contact force that is rounding of it
 SLIGHT = 1e-9  # part of a friction bound by which rounding leaves what slid below it
-LOOSE = "nothing that touches or sticks holds a rigid motion of a body without support"
+LOOSE = "neither contact nor sticking friction prevents a rigid motion of a body without support"
 
 
 class FreeBodies:
@@ -68,9 +68,9 @@ class FreeBodies:
         """Why bodies do not rest in any state of contact and friction although rigid ones could."""
         shares, modes = self._shares(load, x), self.operator.structure.rigid_modes
         worst = [mode for mode, share in zip(modes, shares) if share > 0.1 * shares.max()]
-        return ("no equilibrium was found: contact and friction could hold rigid bodies, but where "
-                f"these ones press and rub, {100 * shares.max():.3g} % of the forces on "
-                f"{self._names(worst)}, which no support holds, stay unbalanced: "
+        return ("no equilibrium was found: contact and friction could hold rigid bodies, but with "
+                f"the contact pressures of these bodies {100 * shares.max():.3g} % of the forces "
+                f"on {self._names(worst)}, which no support holds, remain unbalanced: "
                 f"{self._way(load, x, modes[int(shares.argmax())].body)}")
 
     def _way(self, load, x: np.ndarray, body: int) -> str:
@@ -253,7 +253,7 @@ class FreeBodies:
         # squares of roundings
         if np.linalg.eigvalsh(stiffness)[0] <= 1e-12 * max(op.dot(d, d) for d in motions):
             self.history.warnings.append(
-                f"{step_name(index)}: {LOOSE}, and displacements are one answer of many")
+                f"{step_name(index)}: {LOOSE}; its displacements are one of many solutions")
 
 
 def _least(held: np.ndarray, limited: np.ndarray, room: np.ndarray,

@@ -48,7 +48,8 @@ class Fallbacks:
     def warnings(self) -> list[str]:
         """One line for every method that was used."""
         return [f"{method} found the solution where successive approximations of the friction "
-                f"bound did not settle, in {_named(steps)}" for method, steps in self.steps.items()]
+                "bound did not converge, in "
+                f"{_named(steps)}" for method, steps in self.steps.items()]
 
 
 def _named(steps: list[int]) -> str:

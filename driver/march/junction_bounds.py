@@ -88,7 +88,7 @@ class JunctionBounds:
         where = f"at ({x:.3g}, {y:.3g})" + (f" or at {counted(others, 'more place')}" if others
                                             else "")
         lines.append(f"{step_name(index)}: {SEVERAL} {where}, where bodies meet and slide: another "
-                     "cut may come to other ones")
+                     "cut into subdomains may give another solution")
 
     def _sliding(self, x: np.ndarray) -> np.ndarray:
         """(j,) signs of friction in x that is on its bound, with the present coefficients."""

@@ -168,7 +168,7 @@ class Tightening:
     def _said(self, name: str, residual: float) -> str:
         """That the step came no nearer than to a residual, and which tolerance accepts it."""
         said = (f"{step_name(self.index)}: the {name} residual stays at {residual:.1e}, above the "
-                f"{self.residuals.asked(name):.0e} that was asked for")
+                f"tolerance of {self.residuals.asked(name):.0e}")
         if residual > ACCEPTABLE:
             return said
         option = self.residuals.option(name).upper()

@@ -26,10 +26,9 @@ SMALL = 64  # contact nodes up to which a doubtful step is examined without bein
 # (C. Eck, J. Jarusek, Math. Models Meth. Appl. Sci. 8 (1998) 445-468); this is its least value,
 # that of nu = 0
 DOUBTFUL_FRICTION = np.sqrt(3) / 2
-CHANGING = ("friction changes with slip or displacement, and with it the problem that other "
-            "solutions would have to solve")
-YIELDING = ("surfaces yield or wear under the pressure, and with them the problem changes that "
-            "other solutions would have to solve")
+CHANGING = ("friction depends on slip or displacement, so other solutions would solve another "
+            "problem")
+YIELDING = ("surfaces yield or wear under pressure, so other solutions would solve another problem")
 
 
 def worthwhile(choice: str, nodes: int, friction: float, doubtful: bool) -> bool:
@@ -117,8 +116,8 @@ class Uniqueness:
             named = "; ".join(_phrase(s) for s in solutions)
             others = " and others" if len(self.several) > 1 else ""
             more = " (UNIQUENESS=yes examines later steps as well)" if self.first_only else ""
-            lines.append(f"step {step}{others}: the solution is not unique{more}; followed is the "
-                         f"first of: {named}")
+            lines.append(f"step {step}{others}: the solution is not unique{more}; the run follows "
+                         f"the first of: {named}")
         return lines
 
 

@@ -41,8 +41,8 @@ def warnings(boundary: ContactBoundary, declared, displacements: list[float],
             said += _moulds(boundary)
     for name, limit in (("rtol", COARSE), ("friction_rtol", 10 * COARSE)):
         if getattr(settings, name) > limit:
-            said.append(f"{name.upper()}={getattr(settings, name):g} is so coarse that forces and "
-                        f"zones are guesses; {limit:g} is the most that makes sense")
+            said.append(f"{name.upper()}={getattr(settings, name):g} is too coarse for meaningful "
+                        f"forces and contact zones; use at most {limit:g}")
     return said
 
 
@@ -53,8 +53,8 @@ def far_moves(structure, displacements: list[float]) -> list[str]:
     if not structure.rigid_modes or largest <= FAR * size:
         return []
     return [f"a body without support moves by {largest:.3g}, {largest / size:.0f} times the size "
-            "of the largest body, until something holds it: does it begin where it should, in the "
-            "unit of the others?"]
+            "of the largest body, until something holds it: check its initial position and its "
+            "unit of length"]
 
 
 def far_gaps(structure, declared) -> list[str]:
@@ -71,8 +71,8 @@ def far_gaps(structure, declared) -> list[str]:
         least = b.columns["gap"][own].min()
         if least > APART * size:
             macro = "pairGap" if b.paired[own].any() else "gap"
-            said.append(f"{macro} keeps contact label {label} at least {least:.3g} away from what "
-                        f"it meets, {least / size:.2g} of the size of the largest body: look at "
+            said.append(f"{macro} keeps contact label {label} at least {least:.3g} away from the "
+                        f"other side, {least / size:.2g} of the size of the largest body: check "
                         "its sign and unit")
     return said
 
@@ -94,8 +94,8 @@ def held_loads(structure, manifest, comm) -> list[str]:
         lost = (free[k] == 0) & (whole[k] > ROUNDED * whole[k].sum())
         ways = " and ".join(axis for axis, gone in zip(axes, lost) if gone)
         if ways:
-            said.append(f"load{pattern['amplitude']} acts along {ways} on what supports hold along "
-                        f"{ways}: that moves nothing")
+            said.append(f"load{pattern['amplitude']} acts along {ways} only on boundaries that "
+                        f"supports constrain along {ways}: it moves nothing")
     return said
 
 
@@ -108,8 +108,8 @@ def support_jumps(jumps: list) -> list[str]:
     more = f", and {len(jumps) - 1} more" if len(jumps) > 1 else ""
     return [f"displacements along {'xy'[first.component]} on the labels {first.label} and {others} "
             f"differ by {first.size:.3g} where these meet, at ({first.place[0]:.3g}, "
-            f"{first.place[1]:.3g}){more}: the vertex moves otherwise than label {first.label} "
-            "says, and stresses and reactions there grow with every finer mesh"]
+            f"{first.place[1]:.3g}){more}: the vertex does not move as label {first.label} "
+            "prescribes, and stresses and reactions there grow with mesh refinement"]
 
 
 def without_wear(record) -> list[str]:
@@ -127,9 +127,9 @@ def without_wear(record) -> list[str]:
         return []
     x, y = b.xy[sliding][0]
     return [f"{np.count_nonzero(sliding)} contact nodes, the first at ({x:.3g}, {y:.3g}), slide "
-            "though a support or prescribed displacement holds them along the boundary: no wear is "
-            "computed for them, and they stand out as others wear; let the support end before the "
-            "contact label"]
+            "although a support or prescribed displacement constrains them along the boundary: no "
+            "wear is computed for them, so they protrude as other nodes wear; let the support end "
+            "before the contact label"]
 
 
 def held_inside(record) -> list[str]:
@@ -143,11 +143,12 @@ def held_inside(record) -> list[str]:
     if node >= len(place.gid):
         node, place = node - len(place.gid), record.contact.boundary.held
         other = place.other[node]
-        advice = f"name {other if other >= 0 else 'what it meets'} first in the pair"
+        advice = f"name {other if other >= 0 else 'the other side'} first in the pair"
     x, y = place.xy[node]
-    return [f"a support holds the boundary {place.label[node]} at ({x:.4g}, {y:.4g}) inside what "
-            f"it meets, by {deep:.2g} in step {step + 1}: pressures and forces beside it grow with "
-            f"every finer mesh; let the support end before the contact label, or {advice}"]
+    return [f"a support holds the boundary {place.label[node]} at ({x:.4g}, {y:.4g}) inside the "
+            f"obstacle or other body, by {deep:.2g} in step {step + 1}: pressures and forces "
+            "beside it grow with mesh refinement; let the support end before the contact label, or "
+            f"{advice}"]
 
 
 def _half_rough(b: ContactBoundary) -> list[str]:
@@ -158,9 +159,9 @@ def _half_rough(b: ContactBoundary) -> list[str]:
             x, y = b.xy[pair[0]]
             one, two = b.label[pair[np.argsort(~rough[pair])]]
             return [f"the rough boundary {one} and the smooth boundary {two} meet in a corner, at "
-                    f"({x:.4g}, {y:.4g}): a vertex that touches both has forces there as between "
-                    "smooth ones, not by the law of the rough one; declare normalCompliance on "
-                    "both, for the smooth one a large one"]
+                    f"({x:.4g}, {y:.4g}): forces on a vertex that touches both are as between "
+                    "smooth boundaries, not by the law of the rough one; declare normalCompliance "
+                    "on both, with a large value on the smooth one"]
     return []
 
 
@@ -172,9 +173,9 @@ def _moulds(b: ContactBoundary) -> list[str]:
         turns = np.einsum("ij,ij->i", normal[1:], normal[:-1])
         if len(turns) and turns.min() > SMOOTH and (normal @ normal[0]).min() < ROUND:
             said.append(
-                f"contact label {label} is round, and so is what it meets: without gap and "
-                "obstacle a rigid obstacle has the shape of the boundary; declare  macro "
-                "obstacle(x, y) ... //  or, if that is meant, macro gap() 0. //")
+                f"contact label {label} is round, and so is its obstacle: without gap and obstacle "
+                "a rigid obstacle has the shape of the boundary; declare  macro obstacle(x, y) ... "
+                "//  or, if this is intended, macro gap() 0. //")
     return said
 
 
@@ -188,7 +189,8 @@ def _overlaps(b: ContactBoundary) -> list[str]:
             place = b.xy[own][np.argmin(b.gap[own])]
             macro = "pairGap" if b.paired[own].any() else "gap"
             said.append(
-                f"contact label {label} starts up to {-b.gap[own].min():.3g} inside what it meets, "
-                f"at ({place[0]:.3g}, {place[1]:.3g}), and is pushed out as in a press fit; if "
-                f"that is meant declare macro {macro}() 0. //, else mend the geometry")
+                f"contact label {label} starts up to {-b.gap[own].min():.3g} inside the other "
+                f"side, at ({place[0]:.3g}, {place[1]:.3g}), and is pushed out as in a press fit; "
+                f"if this is intended declare macro {macro}() 0. //, otherwise correct the "
+                "geometry")
     return said

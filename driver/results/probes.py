@@ -51,8 +51,8 @@ class Probes:
                        for number, xy in enumerate(probe.points, 1)]
         self.warnings = [
             f"probePoints: ({point.xy[0]:g}, {point.xy[1]:g}) lies in several bodies that touch, "
-            f"or on both sides of a slit; {point.name} follows the first: move it a little into "
-            "the one that is meant" for point in self.points if point.shared]
+            f"or on both sides of a slit; {point.name} follows the first: move the point slightly "
+            "into the intended body" for point in self.points if point.shared]
         self.rows = []  # {column: value}
         self._first = self._first_of_contact()
         self._first_side = dict(zip(*label_shares(operator.structure)))

@@ -9,8 +9,8 @@ from .tables import BOUNDARIES, PROBES
 NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(\.\d*)?([eE][-+]?\d+)?")
 ROUNDING = 1e-13  # of the largest value of the same unit
 LONG = 60  # characters; longer lists of steps are left to summary.json
-UNCHECKED = ("a study estimates no errors and does not check that strains, rotations and slides "
-             "are small: make run does, for values that matter")
+UNCHECKED = ("a study does not estimate errors, nor check that strains, rotations and sliding "
+             "distances are small: use make run for values that matter")
 HEADS = {"force_x": "force x", "force_y": "force y", "u_x": "u x", "u_y": "u y",
          "normal_resultant": "normal", "tangential_resultant": "tangential",
          "peak_pressure": "peak pressure", "contact_length": "length", "slip": "slip",
@@ -45,12 +45,12 @@ def cycles(found: dict | None, units: dict[str, str]) -> list[str]:
     last, length = found["last"], units["length"]
     count = f"{found['number']} cycle{'s' if found['number'] > 1 else ''}"
     if found["skipped"]:
-        count += (f", {found['skipped']} of them jumped over, which may err by "
+        count += (f", {found['skipped']} of them jumped over, with an estimated error of "
                   f"{found['error']:.2g} {length}")
     energy = generic("stress length^2", units)
-    work = f"friction takes {last['dissipated']:.4g} {energy}"
+    work = f"friction dissipates {last['dissipated']:.4g} {energy}"
     if found["settled_after"] is None and found["number"] == 1:
-        return [f"{count}, none before to compare with: slip of {last['slip']:.3g} {length}, "
+        return [f"{count}, no previous cycle to compare with: slip of {last['slip']:.3g} {length}, "
                 f"{work}"]
     if found["settled_after"] is None:
         verdict = f"not settled, {last['kind']} so far: "

@@ -1,7 +1,7 @@
-"""summary.json, what a run was asked for, what came of it and what it cost.
+"""summary.json: input, results and cost of a run.
 
 The entries are the fields of `Summary`, in their order; each carries its unit and meaning, from
-which the reference follows. Entries that a run has not (None) are left out.
+which the reference is made. Entries that do not apply to a run (None) are left out.
 """
 
 import sys
@@ -40,13 +40,13 @@ class Sizes:
 
     subdomains: int = entry("subdomains of all bodies")
     primal_dofs: int = entry(
-        "displacements of all torn subdomains, constrained ones and repeated corners included")
-    dual_dofs: int = entry("multipliers, the sum of the next four")
+        "displacements of all torn subdomains, including constrained ones and repeated corners")
+    dual_dofs: int = entry("all multipliers: the sum of the next four")
     dual_gluing: int = entry("multipliers that glue subdomains")
     dual_normal: int = entry("normal contact multipliers")
     dual_tangential: int = entry("tangential contact multipliers")
     dual_joined: int = entry("multipliers of ties and periodic boundaries")
-    coarse_dofs: int = entry("unknowns of the coarse problem, those of the corners")
+    coarse_dofs: int = entry("unknowns of the coarse problem: displacements of the corners")
     contact_nodes: int = entry("contact nodes")
 
     @classmethod
@@ -65,20 +65,20 @@ DECLARED = ("axisymmetric", "cohesion", "curved", "large_sliding", "normal_compl
 
 @dataclass
 class Summary:
-    """The entries of summary.json; `parts` of dictionaries are named where these are fixed."""
+    """The entries of summary.json; `parts` names a dictionary's entries where these are fixed."""
 
     scene: str = entry("name of the scene")
-    variant: str = entry("its LOADING, if it has any")
+    variant: str = entry("value of LOADING, if the scene has this parameter")
     converged: bool = entry("whether every step was solved to the tolerances")
-    reason: str = entry("why the run ended early, empty if it did not")
-    warnings: list = entry("what to know before the results are used, a sentence each")
+    reason: str = entry("why the run ended early; empty if it did not")
+    warnings: list = entry("warnings to read before the results are used")
     effects: dict = entry("what the scene declares", parts={
         "contact": "none, unilateral, bilateral, or unilateral and bilateral",
         "friction": "none, tresca, coulomb, coulomb and tresca, or coulomb-slip-dependent",
         "time": "static or quasistatic",
-        "initial": "preload, where the history starts from a preloaded state",
+        "initial": "preload, if the history starts from a preloaded state",
         "body_force": "whether there is a body force", "bodies": "number of bodies",
-        "cycles": "how often the history repeats its cycle, where it does",
+        "cycles": "number of cycles, if the history repeats one",
         **{name: "true where it is declared" for name in DECLARED}})
     sizes: Sizes = entry("numbers of unknowns")
     steps: int = entry("finished time steps")
@@ -86,131 +86,137 @@ class Summary:
     counts: dict = entry("work of all steps", parts={
         "fixed_point_iterations": "QPs solved for the fixed point of friction",
         "dual_multiplications": "products with the dual matrix in all time steps",
-        "dual_multiplications_setup": "products before it",
+        "dual_multiplications_setup": "products with the dual matrix before the first time step",
         "cg_steps": "CG steps of MPRGP", "expansion_steps": "expansion steps of MPRGP",
         "proportioning_steps": "proportioning steps of MPRGP",
-        "contact_block_products": "products with the contact rows' block alone",
-        "condensed_steps": "time steps that Newton's method on the contact rows has ended",
+        "contact_block_products": "products with the block of the contact rows alone",
+        "condensed_steps": "time steps completed by Newton's method on the contact rows",
         "geometries": "contact geometries in all time steps, where contact follows the motion"})
     residuals: dict = entry(
-        "relative residuals of the KKT conditions, worst of all steps; a step has converged with "
-        "none above PRIMAL_RTOL, equilibrium none above FRICTION_RTOL", parts={
-            "stationarity": "correction of the contact forces by one preconditioned step (where "
-                            "gluing rows are eliminated, a step of Newton's method), relative to "
-                            "the contact forces; in a step without any, to the largest so far",
-            "gluing": "jump between subdomains over the largest deformation delta, the "
-                      "displacement of a vertex less the rigid motion of its body, or over a lower "
-                      "bound of it by the corners where that is enough; no less than "
-                      "1.4e-14/PRIMAL_RTOL of the way of bodies that hardly deform",
-            "penetration": "into obstacle or other body, over delta",
-            "sign": "pulling normal forces over the largest contact force f of a node",
-            "cone": "friction forces above their bound, over f",
+        "relative residuals of the KKT conditions, largest of all steps; a step has converged "
+        "when all are at most PRIMAL_RTOL (equilibrium: FRICTION_RTOL)", parts={
+            "stationarity": "correction of the contact forces by one preconditioned step (by one "
+                            "Newton step where gluing rows are eliminated), relative to the "
+                            "contact forces; in a step without contact forces relative to the "
+                            "largest so far",
+            "gluing": "jump of displacements between subdomains, divided by delta: the largest "
+                      "displacement of a vertex minus the rigid motion of its body, or a lower "
+                      "bound of it from the corners where that suffices; delta is at least "
+                      "1.4e-14/PRIMAL_RTOL of the displacement of bodies that hardly deform",
+            "penetration": "penetration into the obstacle or other body, divided by delta",
+            "sign": "tensile normal forces, divided by f: the largest contact force of a node",
+            "cone": "excess of friction forces over their bound, divided by f",
             "complementarity": "natural residuals of contact and friction, abs(lambda - "
-                               "P(lambda + f/delta move)) / f, P the projection on admissible "
-                               "forces, move the penetration or the slip",
-            "equilibrium": "forces on bodies that no support holds, over the sum of their sizes",
-            "geometry": "where contact follows the motion: distances over delta and contact forces "
-                        "over f by which conditions about the solution differ from those used"})
-    contraction: float = entry("worst mean ratio of successive changes of a step's fixed point")
-    fallbacks: dict = entry("steps that needed another method, by the method's name")
-    uniqueness: dict = entry("whether the steps have other solutions", parts={
-        "verdict": "unique (proved), not unique, no second solution found or not examined",
-        "steps_examined": "number of steps that were examined",
-        "steps_not_unique": "numbers of the steps",
-        "solutions": "those of the first such step, the one that is followed first: numbers of "
-        "nodes that are open, stick and slip, resultants, largest nodal pressure, and the index, a "
-        "sign; those of all solutions add up to one"})
-    memory_mib: float = entry("largest memory of all ranks together, error estimates "
-                              "included", "MiB")
+                               "P(lambda + f/delta move)) / f, with P the projection on "
+                               "admissible forces and move the penetration or slip",
+            "equilibrium": "resultant forces on bodies without support, divided by the sum of "
+                           "their magnitudes",
+            "geometry": "where contact follows the motion: difference between the contact "
+                        "conditions linearized about the solution and those used, in distances "
+                        "(divided by delta) and contact forces (divided by f)"})
+    contraction: float = entry("largest of the steps' mean ratios of successive fixed-point "
+                               "changes")
+    fallbacks: dict = entry("number of steps that needed a fallback, by the name of the method")
+    uniqueness: dict = entry("whether time steps have other solutions", parts={
+        "verdict": "unique (proved), not unique, no second solution found, or not examined",
+        "steps_examined": "number of steps examined",
+        "steps_not_unique": "numbers of the steps with other solutions",
+        "solutions": "solutions of the first such step, starting with the one that the run "
+        "follows: numbers of open, sticking and slipping nodes, resultants, largest nodal "
+        "pressure, and index (a sign; the indices of all solutions add up to one)"})
+    memory_mib: float = entry("peak memory of all ranks together, including error estimates", "MiB")
     ranks: int = entry("MPI ranks")
     units: dict = entry("names of the scene's units",
                         parts={"length": "m, mm, ...", "stress": "Pa, MPa, ...",
-                               "assumed": "yes, where the scene names none: length and stress are "
-                                          "m and Pa then"})
+                               "assumed": "yes if the scene names no units; m and Pa are then "
+                               "assumed"})
     amplitudes: dict = entry(
-        "factors of the loads at the start and after every step, by number of the load; of a "
-        "history that is repeated with its cycle once")
+        "factors of the loads at the start and after every step, by number of the load; a "
+        "repeated history is listed with one cycle")
     loads: list = entry("resultant of every load at amplitude 1: effect, number of the amplitude, "
-                        "force, that on each of the bodies", "stress length")
-    points: list = entry("loads and springs at points, but for springs where a foundation is: "
-                         "effect, number of the amplitude, place, force at amplitude 1 or "
-                         "stiffness in x and y")
+                        "total force, force on each body", "stress length")
+    points: list = entry("point loads and springs at points (except on labels with an elastic "
+                         "foundation): effect, number of the amplitude, position, and force at "
+                         "amplitude 1 or stiffness in x and y")
     parameters: dict = entry("parameters of the scene and options of the solver")
-    versions: dict = entry("of the suite, Python, numpy and PETSc")
+    versions: dict = entry("versions of the suite, Python, numpy and PETSc")
     seconds: dict = entry("wall time of the stages", "s", parts={
-        "export": "FreeFEM, without what is read and reduced meanwhile",
-        "read": "reading its export", "setup": "reduction to the interfaces",
-        "solve": "all time steps, those before an interruption included",
-        "uniqueness": "search for other solutions of the steps, where there was one",
-        "geometry": "renewing contact rows, where contact follows the motion",
+        "export": "FreeFEM, without reading and reduction that go on meanwhile",
+        "read": "reading the export of FreeFEM", "setup": "reduction to the interfaces",
+        "solve": "all time steps, including those before an interruption",
+        "uniqueness": "search for other solutions, if there was one",
+        "geometry": "update of contact rows, where contact follows the motion",
         "output": "contact quantities and fields",
         "validity": "checks of the model's assumptions",
         "energy_error": "error in the energy norm", "estimates": "error budget",
-        "figures": "figures and animation, but for what is drawn while errors are estimated",
-        "start": "programs, packages and ranks starting, and what no other stage counts",
-        "total": "the sum: what the user waits for",
+        "figures": "figures and animation, except those drawn while errors are estimated",
+        "start": "start of programs, packages and ranks, and all that no other stage counts",
+        "total": "sum of all stages: the time that the user waits",
         "export_cycles": "FreeFEM in refinement cycles",
-        "solve_cycles": "all else in refinement cycles"})
+        "solve_cycles": "everything else in refinement cycles"})
     effects_ledger: dict = entry(
-        "for every effect: was it declared, was it active, why, its unknowns and seconds")
+        "for every effect: whether it was declared and active, why, its unknowns and seconds")
     balance: float = entry(
-        "resultant of all forces, the largest of the steps, over the sum of their absolute values")
-    dissipated: float = entry("work that friction has taken", "stress length^2")
+        "resultant of all forces divided by the sum of their magnitudes; largest of the steps")
+    dissipated: float = entry("energy dissipated by friction", "stress length^2")
     errors: dict | None = entry("estimated errors", optional=True, parts={
-        "energy": "in the energy norm: kind, step, parts, total, norm, relative, largest, "
+        "energy": "error in the energy norm: kind, step, parts, total, norm, relative, largest, "
                   "carrying, excluded",
-        "quantities": "budget of every quantity: value, its parts, total, relative",
-        "advice": "what would lower the largest part", "notes": "companions that could not be run",
-        "adjoint": "quantities with an adjoint problem, the products with the dual matrix that "
-                   "all took, the step's error in energy by smoothed stresses (smoothed), or the "
-                   "reason why there are none",
-        "prices": "of QUANTITY: its error now, and lines with accuracy, settings, predicted "
-                  "seconds, seconds_bare (without estimates), memory_mib, and what other kinds of "
-                  "meshes would take; or the reason why there are none"})
-    materials: list | None = entry("of every body, where the scene gives them body by body: body, "
+        "quantities": "error budget of every quantity: value, parts, total, relative",
+        "advice": "how to reduce the largest part", "notes": "companion runs that failed",
+        "adjoint": "quantities with an adjoint problem, products with the dual matrix for all "
+                   "of them, and the step's error in energy from smoothed stresses (smoothed); "
+                   "or the reason why there are none",
+        "prices": "price list of QUANTITY: its present error, and lines with accuracy, settings, "
+                  "predicted seconds, seconds_bare (without estimates), memory_mib, and the cost "
+                  "with other kinds of meshes; or the reason why there are none"})
+    materials: list | None = entry("material of every body, if the scene gives one per body: body, "
                                    "name, young, poisson", optional=True)
-    cycles: dict | None = entry("of a history that is repeated", optional=True, parts={
-        "start": "time at which its cycle begins", "period": "of a cycle",
-        "number": "cycles gone through, those jumped over included", "skipped": "of them",
-        "settled_after": "cycle from which on all were settled; null if the last is not",
-        "error": "by how much all jumps together may err in what grows, a length",
-        "last": "row of cycles.csv of the last cycle"})
+    cycles: dict | None = entry("cycles of a repeated history", optional=True, parts={
+        "start": "start time of the cycle", "period": "duration of a cycle",
+        "number": "number of cycles, including those jumped over",
+        "skipped": "number of cycles jumped over",
+        "settled_after": "cycle since which all have been settled; null if the last is not",
+        "error": "sum of the errors of all jumps (column error of cycles.csv), a length",
+        "last": "row of the last cycle in cycles.csv"})
     quantities: dict | None = entry("quantities of interest", "see below", optional=True)
-    quantities_time: float | None = entry("the time they belong to", "time", optional=True)
+    quantities_time: float | None = entry("time to which quantities belong", "time", optional=True)
     obstacle_motion: dict | None = entry(
-        "of every label that meets an obstacle which moves: its shift_x, shift_y and angle, as far "
-        "as they are not zero, at the start and after every step; where all are, or distances do "
-        "not follow from them (gapInTime), the nearest node's distance",
+        "for every label that meets a moving obstacle, at the start and after every step: shift_x, "
+        "shift_y and angle as far as they are not zero; the distance of the nearest node where all "
+        "are zero or distances do not follow from them (gapInTime)",
         "length, rad", optional=True)
-    periods: list | None = entry("of bodies in pairs that repeat themselves: [x, y] by which",
+    periods: list | None = entry("periods of bodies in pairs with periodic boundaries: [x, y]",
                                  "length", optional=True)
     boundaries: list | None = entry(
-        "rows of boundaries.csv in the last step, where there is contact", "see boundaries.csv",
+        "rows of boundaries.csv in the last step, if there is contact", "see boundaries.csv",
         optional=True)
-    probes: list | None = entry("rows of probes.csv in the last step, where the scene has probes",
+    probes: list | None = entry("rows of probes.csv in the last step, if the scene has probes",
                                 "see probes.csv", optional=True)
     resumed_after_step: int | None = entry(
-        "finished steps of an interrupted run that were taken up", optional=True)
+        "number of steps taken over from an interrupted run", optional=True)
     validity: dict | None = entry("whether the model's assumptions hold", optional=True, parts={
         "largest_strain": "largest principal strain of a triangle",
-        "largest_rotation": "largest rotation of a triangle, in rad, less that of a free body",
-        "largest_normal_error": "distance of closed nodes from what they meet, at displaced places "
-                                "and as used, over the contact length",
-        "normal_turn": "angle between the normals there and as used, in rad",
-        "largest_swelling": "part of what a body between others is squeezed by that comes of its "
+        "largest_rotation": "largest rotation of a triangle, in rad, minus that of a free body",
+        "largest_normal_error": "change of the distance of closed nodes from the obstacle or "
+                                "other body, from the one used to the one at displaced "
+                                "positions, divided by the contact length",
+        "normal_turn": "angle between the normal used and that at the displaced position, in rad",
+        "largest_swelling": "part of the compression of a body between others that comes of its "
                             "turning alone",
-        "largest_slide": "way of closed nodes along another body since the start, over the "
-                         "contact length; 0 where contact follows it",
+        "largest_slide": "sliding distance of closed nodes along another body since the start, "
+                         "divided by the contact length; 0 where contact follows the motion",
         "overlaps": "[label, label, depth over the body's size] of boundaries without declared "
                     "contact that penetrate",
-        "verdict": "ok, questionable or invalid", "reason": "why, where and what to do"})
-    accuracy: dict | None = entry("of ACCURACY=", optional=True, parts={
-        "quantity": "whose error was asked for", "asked": "relative error asked for",
+        "verdict": "ok, questionable or invalid", "reason": "reason, place and remedy"})
+    accuracy: dict | None = entry("result of ACCURACY=", optional=True, parts={
+        "quantity": "quantity of interest", "asked": "requested relative error",
         "reached": "estimated relative error", "settings": "options that give the same run by hand",
-        "levels": "meshes that were tried", "products": "with the dual matrix in all runs"})
+        "levels": "number of meshes tried",
+        "products": "products with the dual matrix in all runs"})
 
     def entries(self) -> dict:
-        """As they stand in the file."""
+        """The entries as written in the file."""
         return {name: value for name, value in asdict(self).items() if value is not None}
 
 
@@ -305,7 +311,7 @@ def write(directory: Path, summary: Summary, comm) -> None:
 
 
 def largest_memory(comm) -> float:
-    """MiB that the ranks have used at most, so far, added up; collective."""
+    """Sum of the peak memory of all ranks so far, in MiB; collective."""
     return comm.allreduce(memory_used())
 
 

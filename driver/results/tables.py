@@ -1,9 +1,9 @@
-"""Columns of the tables that a run leaves, from which headers and their reference follow.
+"""Columns of the tables that a run writes; headers and the reference are made from them.
 
-Units are "1", "length", "stress", "time", or products of these; forces and energies are per
-thickness, of bodies of revolution those of the whole body, where forces along x are sums of radial
-ones around the axis. A name with {} stands for as many columns as the run has of what the meaning
-says.
+Units are "1", "length", "stress", "time", or products of these. Forces and energies are per
+thickness; for bodies of revolution they are those of the whole body, and forces along x are sums
+of radial forces around the axis. A name with {} stands for a family of columns, one for each load,
+residual or the like that the run has.
 """
 
 from dataclasses import dataclass
@@ -23,40 +23,41 @@ class Column:
 
 FORCE, ENERGY = "stress length", "stress length^2"
 STEP = (Column("step", "1", "number of the step, from 1"),
-        Column("time", "time", "at the end of the step"))
+        Column("time", "time", "time at the end of the step"))
 
 CONTACT = (
     *STEP,
-    Column("node", "1", "number of the contact node, from 0, in the order of boundaries and arc; "
-           "two at a corner, with a normal each"),
+    Column("node", "1", "number of the contact node, from 0, ordered by boundary and arc length; "
+           "a corner has two contact nodes, each with its own normal"),
     Column("x", "length", "coordinate of the node"),
     Column("y", "length", "coordinate of the node"),
     Column("arc", "length", "arc length along the boundary"),
-    Column("weight", "length", "length of the node's dual segment; of bodies of revolution the "
-           "area that it sweeps"),
-    *(Column(f"normal_{axis}", "1", "outward unit normal n of the body, at the end of the step "
-             "where contact follows the motion; t is n turned by +90 degrees") for axis in "xy"),
-    Column("gap", "length", "distance to the obstacle or the other body along n before any "
-           "load; of obstacles that move, where they stand at the end of the step; where contact "
-           "follows the motion (largeSliding) the sum of u_n and the distance at the end of it"),
+    Column("weight", "length", "length of the node's dual segment; for bodies of revolution the "
+           "area that the segment sweeps"),
+    *(Column(f"normal_{axis}", "1", "outward unit normal n of the body (where contact follows "
+             "the motion, at the end of the step); t is n turned by +90 degrees") for axis in "xy"),
+    Column("gap", "length", "initial distance along n to the obstacle or the other body; for "
+           "moving obstacles the distance to their position at the end of the step; with "
+           "largeSliding u_n plus the distance at the end of the step"),
     Column(ContactField.U_N, "length",
-           "displacement along n, between bodies the jump; at most the gap"),
-    Column(ContactField.U_T, "length", "displacement along t, between bodies the jump"),
+           "displacement along n (between bodies its jump); at most the gap"),
+    Column(ContactField.U_T, "length", "displacement along t (between bodies its jump)"),
     Column(ContactField.SLIP, "length", "change of u_t in the step, relative to the surface "
-           "of an obstacle that moves"),
+           "of a moving obstacle"),
     Column(ContactField.SIGMA_N, "stress",
-           "normal traction, nodal force over weight; negative in compression"),
-    Column(ContactField.SIGMA_T, "stress", "shear traction, nodal force over weight"),
-    Column(ContactField.BOUND, "stress", "largest shear traction that friction can hold"),
+           "normal traction: nodal force divided by weight; negative in compression"),
+    Column(ContactField.SIGMA_T, "stress", "shear traction: nodal force divided by weight"),
+    Column(ContactField.BOUND, "stress", "friction bound: largest shear traction that friction can "
+           "transmit"),
     Column(ContactField.STATUS, "1", f"{', '.join(STATUS_NAMES)}"),
 )
-WORN = Column("wear", "length", "worn depth since time 0, where the scene declares wear: u_n is at "
-              "most the gap and this")
-GEOMETRIES = Column("geometries", "1", "contact geometries of the step, where contact follows the "
-                    "motion")
-LABEL = Column("boundary", "1", "label of the contact boundary, where there are several; of a pair "
-               "the first, which has the contact nodes; at a node in which one goes on in another "
-               "that of the longer part")
+WORN = Column("wear", "length", "worn depth since time 0, if the scene declares wear; u_n is then "
+              "at most gap + wear")
+GEOMETRIES = Column("geometries", "1", "number of contact geometries in the step, where contact "
+                    "follows the motion")
+LABEL = Column("boundary", "1", "label of the contact boundary, if there are several; for a pair "
+               "the first label, which has the contact nodes; for a node shared by two labels "
+               "the label with the longer part of its dual segment")
 
 PEAK = Column("peak_pressure", "stress", QUANTITIES["peak_pressure"].meaning)
 LENGTH = Column("contact_length", "length", QUANTITIES["contact_length"].meaning)
@@ -64,15 +65,15 @@ LENGTH = Column("contact_length", "length", QUANTITIES["contact_length"].meaning
 HISTORY = (
     *STEP,
     Column("amplitude_{}", "1", "factor of the load with this number"),
-    Column("fixed_point_iterations", "1", "QPs that were solved in the step"),
+    Column("fixed_point_iterations", "1", "QPs solved in the step"),
     Column("dual_multiplications", "1", "products with the dual matrix in the step"),
     Column("contraction", "1",
-           "mean ratio of successive changes of the fixed point; nan in steps of fewer than two "
-           "changes, but for the last step"),
-    Column("resultant_n", FORCE, "normal tractions summed over the contact boundary, negative in "
-           "compression; of several boundaries minus the sum of their magnitudes"),
-    Column("resultant_t", FORCE, "shear tractions summed over the contact boundary; of several "
-           "boundaries the magnitudes added"),
+           "mean ratio of successive changes of the fixed-point iteration; nan in steps with fewer "
+           "than two changes, except in the last step"),
+    Column("resultant_n", FORCE, "normal tractions integrated over the contact boundary, negative "
+           "in compression; for several boundaries minus the sum of their magnitudes"),
+    Column("resultant_t", FORCE, "shear tractions integrated over the contact boundary; for "
+           "several boundaries the sum of their magnitudes"),
     Column("load_x", FORCE, "resultant of the loads"),
     Column("load_y", FORCE, "resultant of the loads"),
     Column("reaction_x", FORCE, "resultant of the support reactions"),
@@ -81,58 +82,60 @@ HISTORY = (
     Column("contact_y", FORCE, "resultant of the forces of rigid obstacles on the body"),
     *(Column(f"nodes_{name}", "1", f"contact nodes with status {name}") for name in STATUS_NAMES),
     LENGTH,
-    Column("max_displacement", "length", "largest |u| of a node"),
+    Column("max_displacement", "length", "largest |u| of all nodes"),
     PEAK,
-    Column("dissipated", ENERGY, "work that friction has taken since time 0"),
+    Column("dissipated", ENERGY, "energy dissipated by friction since time 0"),
     Column("kkt_{}", "1", "relative residual of this part of the KKT conditions"),
 )
 
 BOUNDARIES = (
     *STEP,
-    Column("boundary", "1", "label of the contact boundary; of a pair the one with contact nodes"),
-    Column("normal_resultant", FORCE, "contact pressure summed over the boundary"),
-    Column("tangential_resultant", FORCE, "shear traction sigma_t summed over the boundary"),
+    Column("boundary", "1", "label of the contact boundary; for a pair the label with the contact "
+           "nodes"),
+    Column("normal_resultant", FORCE, "contact pressure integrated over the boundary"),
+    Column("tangential_resultant", FORCE, "shear traction sigma_t integrated over the boundary"),
     Column("force_x", FORCE, "contact force on the body that carries the contact nodes"),
     Column("force_y", FORCE, "contact force on the body that carries the contact nodes"),
     PEAK,
     LENGTH,
     Column("slip", "length", "largest accumulated slip of a point in contact since time 0"),
-    Column("dissipated_energy", ENERGY, "work that friction has taken since time 0"),
+    Column("dissipated_energy", ENERGY, "energy dissipated by friction since time 0"),
 )
 
 PROBES = (
     *STEP,
-    Column("probe", "1", "point and its number, or label and its number"),
-    Column("x", "length", "place, of a label the middle of its edges"),
-    Column("y", "length", "place, of a label the middle of its edges"),
-    Column("u_x", "length", "displacement, of a label the mean over its edges"),
-    Column("u_y", "length", "displacement, of a label the mean over its edges"),
+    Column("probe", "1", "'point' or 'label' followed by its number"),
+    Column("x", "length", "position; for a label the centre of its edges"),
+    Column("y", "length", "position; for a label the centre of its edges"),
+    Column("u_x", "length", "displacement; for a label the mean over its edges"),
+    Column("u_y", "length", "displacement; for a label the mean over its edges"),
     Column("force_x", FORCE, "force on the body through the label, or at the vertex"),
     Column("force_y", FORCE, "force on the body through the label, or at the vertex"),
 )
 
 CYCLES = (
-    Column("cycle", "1", "number of the cycle, those jumped over included"),
-    Column("step", "1", "number of the step that ends it"),
-    Column("time", "time", "at its end"),
-    Column("kind", "1", "what it is, or seems to come to: shakedown (nothing slides), alternating "
-           "slip (what slides comes back), ratcheting (it goes on), wear (surfaces that slide "
-           "wear)"),
-    Column("settled", "1", "yes, if cycles to come are like it: the same forces, within a "
-           "thousandth of the largest, and slips and growths, within a hundredth"),
-    Column("change", "1", "largest change of a contact force against the same step of the cycle "
-           "before, after a jump the mean one of the cycles jumped over and this one, over the "
-           "largest contact force; 1 in the first cycle"),
-    Column("remaining", "1", "estimated further change by the cycles to come, by a geometric "
-           "series; at most 1, which also stands where four cycles are not enough to tell"),
-    Column("slip", "length", "longest way that a node slides in the cycle, of those that no "
-           "support holds along the boundary"),
-    Column("drift", "length", "largest change of a node's u_t over the cycle"),
-    Column("wear", "length", "largest growth of the worn depth"),
-    Column("dissipated", ENERGY, "work that friction takes in the cycle"),
-    Column("skipped", "1", "cycles jumped over before it"),
-    Column("error", "length", "by how much the jump may err in what grows: drift, wear or, where a "
-           "law depends on it, accumulated slip"),
+    Column("cycle", "1", "number of the cycle, including cycles jumped over"),
+    Column("step", "1", "number of the last step of the cycle"),
+    Column("time", "time", "time at the end of the cycle"),
+    Column("kind", "1", "behaviour that the cycles have reached or seem to approach: shakedown (no "
+           "slip), alternating slip (slip is reversed within the cycle), ratcheting (slip "
+           "accumulates from cycle to cycle), wear (surfaces slide and wear)"),
+    Column("settled", "1", "yes if further cycles would repeat this one: contact forces within "
+           "0.1 % of the largest force, slip and growth per cycle within 1 %"),
+    Column("change", "1", "largest change of a contact force from the same step of the previous "
+           "cycle, divided by the largest contact force; after a jump the mean change per cycle "
+           "since the last computed cycle; 1 in the first cycle"),
+    Column("remaining", "1", "estimated change of contact forces in all further cycles, from a "
+           "geometric series, relative as above; at most 1, also 1 if the last four cycles "
+           "do not allow an estimate"),
+    Column("slip", "length", "largest slip of a node in the cycle, accumulated over its steps; "
+           "without nodes constrained along the boundary"),
+    Column("drift", "length", "largest net change of a node's u_t over the cycle"),
+    Column("wear", "length", "largest increase of the worn depth in the cycle"),
+    Column("dissipated", ENERGY, "energy dissipated by friction in the cycle"),
+    Column("skipped", "1", "number of cycles jumped over before this one"),
+    Column("error", "length", "estimated error of the jump before this cycle in the extrapolated "
+           "quantities: u_t, worn depth and, if a friction law depends on it, accumulated slip"),
 )
 
 CONVERGENCE = (
@@ -140,27 +143,27 @@ CONVERGENCE = (
     Column("step", "1", "number of the step"),
     Column("iteration", "1", "iteration of the fixed point in the step"),
     Column("kind", "1", "what the QP solver did: start, cg, expansion, proportioning, ..."),
-    Column("residual", "1", "norm of the projected gradient, relative"),
+    Column("residual", "1", "relative norm of the projected gradient"),
 )
 
 BOUNDARY = (
     *(Column(name, "length",
-             "ends of the edge of the outline, or of half of a curved one, the body on its left")
+             "end points of the edge, or of half of a curved edge, with the body on its left")
       for name in ("x0", "y0", "x1", "y1")),
     Column("label", "1", "label of the edge in the mesh"),
     Column("role", "1", "pair, contact, support, springs, joined (tied, periodic), load or free"),
-    Column("traction_x", "stress", "traction of the label at amplitude 1"),
-    Column("traction_y", "stress", "traction of the label at amplitude 1"),
-    Column("fixed_x", "1", "1 where a support holds this component on the whole label"),
-    Column("fixed_y", "1", "1 where a support holds this component on the whole label"),
-    Column("moved_x", "length", "displacement that is prescribed there at amplitude 1"),
-    Column("moved_y", "length", "displacement that is prescribed there at amplitude 1"),
+    Column("traction_x", "stress", "traction on the label at amplitude 1"),
+    Column("traction_y", "stress", "traction on the label at amplitude 1"),
+    Column("fixed_x", "1", "1 if a support constrains this component on the whole label"),
+    Column("fixed_y", "1", "1 if a support constrains this component on the whole label"),
+    Column("moved_x", "length", "displacement prescribed there at amplitude 1"),
+    Column("moved_y", "length", "displacement prescribed there at amplitude 1"),
 )
 
 OBSTACLE = (
-    Column("step", "1", "number of the step, 0 is the start; of an obstacle that stands 0 alone"),
-    *(Column(name, "length", "ends of a side of a polygon that is like the obstacle, the body on "
-             "its left") for name in ("x0", "y0", "x1", "y1")),
+    Column("step", "1", "number of the step, 0 for the start; always 0 for a fixed obstacle"),
+    *(Column(name, "length", "end points of a side of a polygon that approximates the obstacle, "
+             "with the body on its left") for name in ("x0", "y0", "x1", "y1")),
 )
 
 TABLES = {
@@ -168,10 +171,10 @@ TABLES = {
     "history.csv": ("a row per step", (*HISTORY, GEOMETRIES)),
     "boundaries.csv": ("a row per step and contact boundary", BOUNDARIES),
     "probes.csv": ("a row per step and probe", PROBES),
-    "cycles.csv": ("a row per cycle of a history that is repeated", CYCLES),
+    "cycles.csv": ("a row per computed cycle of a repeated history", CYCLES),
     "convergence.csv": ("a row per step of the QP solver", CONVERGENCE),
     "boundary.csv": ("a row per edge of the outline", BOUNDARY),
-    "obstacle.csv": ("a row per side of a rigid obstacle that contact follows (and step)",
+    "obstacle.csv": ("a row per side of a rigid obstacle with largeSliding (and step)",
                      OBSTACLE),
 }
 
@@ -181,7 +184,7 @@ STRESSES = ("xx", "yy", "zz", "xy")  # components in these files
 
 
 def field_file(index: int, pieces: int = 1) -> str:
-    """The fields of the bodies in a step, 0 for the start; of several pieces what names these."""
+    """File of the bodies' fields in a step, 0 for the start; with several pieces their index."""
     return f"{FIELDS_FOLDER}/step_{index:04d}.{'vtu' if pieces == 1 else 'pvtu'}"
 
 
@@ -213,7 +216,7 @@ def header(columns: tuple[Column, ...], **families) -> list[str]:
 
 
 def shown(value):
-    """A value as it stands in a table: yes or no for a bool."""
+    """A value as written in a table: yes or no for a bool."""
     return {True: "yes", False: "no"}[value] if isinstance(value, bool) else value
 
 

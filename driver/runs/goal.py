@@ -204,9 +204,9 @@ class Search(Trials):
                 continue
             unsettled = unsettled + 1 if self._grows() else 0
             if unsettled > 1:
-                raise NoSolution(f"the {self.words} cannot be had to {100 * self.asked:g} %: "
-                                 "it grows from mesh to mesh, as at a singular point; "
-                                 "ask for another quantity")
+                raise NoSolution(f"the {self.words} cannot be computed to {100 * self.asked:g} %: "
+                                 "it grows from mesh to mesh, as at a singular point; choose "
+                                 "another quantity")
             self._refuse_corners(entry)
             self._refuse_supported(entry)
             size = self._next(entry)
@@ -234,8 +234,8 @@ class Search(Trials):
         values = self.values(second)
         self.name = self.name or main_quantity(values, vanishing(values))
         if self.name not in values:
-            raise InputError(f"ACCURACY is asked of '{self.name}', which is none of the scene's "
-                             f"quantities: {', '.join(values)}")
+            raise InputError(f"ACCURACY names '{self.name}', which is not among the quantities of "
+                             f"the scene: {', '.join(values)}")
         while self.name in vanishing(values) and self.coarsening > 1:
             # where nothing slides yet on coarse meshes: up to twice as fine as the scene's own
             self.coarsening /= 2
@@ -299,13 +299,13 @@ class Search(Trials):
             cause = "by symmetry, or as nothing slides"
             if pressed and not any(pressed):
                 cause = "nothing touches"
-            raise NoSolution(f"the {self.words} is zero{error} ({cause}): it has no relative error "
-                             "to be met; ask for another quantity")
+            raise NoSolution(f"the {self.words} is zero{error} ({cause}): it has no relative "
+                             "error; choose another quantity")
         if self.name in vanishing(values, errors):
             raise NoSolution(f"the {self.words} is {values[self.name]:.1g} with an error of "
-                             f"{errors[self.name]:.1g}, both next to nothing beside what the body "
-                             "moves by or bears: it may be zero, and has no relative error to be "
-                             "met; ask for another quantity")
+                             f"{errors[self.name]:.1g}, both negligible beside the displacements "
+                             "or forces of the body: it may be zero, and has no relative error; "
+                             "choose another quantity")
 
     def _refuse_corners(self, entry: dict) -> None:
         """Raise NotConverged where three meshes tell no error as contact is at corners on all."""
@@ -316,10 +316,9 @@ class Search(Trials):
         if at_corners([level.touch for level in levels], ratio(self.knob, sizes[-1], sizes[0])):
             fine, coarse = (level.values[self.name] for level in levels[:2])
             raise NotConverged(
-                f"no mesh tells an error of the {self.words}: contact is at corners, where a node "
-                f"or two carry all on any mesh; the last two meshes differ by "
-                f"{share(abs(fine - coarse), fine)}; round the corners, or ask for another "
-                "quantity")
+                f"no mesh gives an error of the {self.words}: contact is at corners, where one or "
+                "two nodes carry all the force on any mesh; the last two meshes differ by "
+                f"{share(abs(fine - coarse), fine)}; round the corners, or choose another quantity")
 
     def _refuse_supported(self, entry: dict) -> None:
         """Raise NotConverged where a support has the largest displacement on three meshes, and none
@@ -329,9 +328,9 @@ class Search(Trials):
             return
         if abs(entry["mesh"] / entry["value"] - UNSEEN) <= ROUNDING:
             raise NotConverged(
-                "the largest displacement is that of a support, or of what lies beside it: no mesh "
-                f"tells by how much others may exceed it, which may be {100 * UNSEEN:g} %; "
-                f"reached: {share(entry['total'], entry['value'])}; ask for another quantity")
+                "the largest displacement is at a support or beside it: no mesh shows by how much "
+                f"others may exceed it, possibly {100 * UNSEEN:g} %; reached: "
+                f"{share(entry['total'], entry['value'])}; choose another quantity")
 
     def _nodes(self, size) -> float:
         """Of the mesh of a size, by those of the last one."""
@@ -343,7 +342,7 @@ class Search(Trials):
 
         With elements half as long where the scene rounds the size to that of the last mesh.
         """
-        demand = (f"{100 * self.asked:g} % of the {self.words} would take "
+        demand = (f"{100 * self.asked:g} % of the {self.words} would need "
                   f"{name_of(self.knob, size)}")
         nodes = self._nodes(size)
         if nodes > LARGEST:
@@ -374,8 +373,8 @@ class Search(Trials):
             return ""
         if errors[name] is not None and errors[name] <= self.asked:
             return ""
-        return (f"the {self.words} hardly depends on the mesh, as where loads give it: "
-                f"ACCURACY={100 * self.asked:g}%,{name} asks for the {name.replace('_', ' ')}")
+        return (f"the {self.words} hardly depends on the mesh, as if given by the loads: "
+                f"ACCURACY={100 * self.asked:g}%,{name} requests the {name.replace('_', ' ')}")
 
     def chosen(self) -> dict[str, str]:
         """The settings as options of the command line."""

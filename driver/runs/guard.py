@@ -28,7 +28,7 @@ RESULTS = (r"summary\.json",
 UNFINISHED = (r"(request|answer)\.json",
               r"(export|values|companions|levels|cycle-\d+)(/.*)?")
 FOLDERS = ("fields", "figures")
-BUSY = "is where another make {} works: wait for its end or choose another directory"
+BUSY = "is in use by another make {}: wait for its end or choose another directory"
 _at_work = {}  # descriptor of each directory of a study of this process, by device and inode
 
 
@@ -79,8 +79,8 @@ def obstacle(out: Path) -> str:
         what = "files and a summary.json" if (out / "summary.json").exists() else "files"
         return f"holds {what} but no earlier run; choose another directory or empty it"
     name = foreign(out)
-    return name and (f"holds {name}, which is no file of a run; choose another directory or move "
-                     "that file away")
+    return name and (f"holds {name}, which is not a file of a run; choose another directory or "
+                     "move that file away")
 
 
 def _holds_working_directory(out: Path) -> bool:
@@ -209,6 +209,6 @@ def resolve(out: Path) -> Path:
         if os.lstat(out).st_uid not in (0, os.geteuid()):
             raise ValueError("is a link that another user has made")
         if not os.path.exists(out):
-            raise ValueError(f"is a link to {os.readlink(out)}, where nothing is; remove the link "
-                             "or make that directory")
+            raise ValueError(f"is a link to {os.readlink(out)}, which does not exist; remove the "
+                             "link or make that directory")
     return Path(os.path.realpath(out))

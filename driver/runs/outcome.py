@@ -44,8 +44,8 @@ def subdomains(summary: dict) -> str:
     made, asked = summary["sizes"]["subdomains"], summary["parameters"].get("subdomains", "")
     if summary["effects"]["bodies"] < 2 or not asked.isdigit() or int(asked) == made:
         return counted(made, "subdomain")
-    return (f"{counted(made, 'subdomain')} ({asked} asked for; every body is cut by itself, into a "
-            "number by its size)")
+    return (f"{counted(made, 'subdomain')} ({asked} requested; every body is cut separately, into "
+            "a number that suits its size)")
 
 
 def never_mattered(ledger: dict[str, dict]) -> list[str]:

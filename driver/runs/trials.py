@@ -32,7 +32,7 @@ SAMPLING = 32  # times of the load history per step of the scene
 FEWEST = 4  # a fourth of the scene's own steps is where their choice starts
 TIME, ALGEBRAIC = 0.35, 0.05
 LAST = 0.7  # of what is allowed may be the time step's part where there are no more steps to take
-ON_ARRIVAL = "most of it was made in steps in which nodes touched first: it takes more of them"
+ON_ARRIVAL = "most of it occurred in steps in which nodes first touched: it needs more steps"
 RETRIES = (1.0, 0.1, 0.01)  # factors of the tolerances of a run that failed
 
 
@@ -172,7 +172,7 @@ class Trials:
             entry = self.budget()[self.name]
             error, value = entry["time"], abs(entry["value"])
             raise NotConverged(
-                f"even {self.total} steps leave the {self.words} an error of "
+                f"even with {self.total} steps the {self.words} has an error of "
                 f"{share(error, value)}: too much of {100 * self.asked:g} %, of which the mesh "
                 f"needs a part; {share(error, LAST * value)} may do")
         before = self.stride

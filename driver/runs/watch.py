@@ -64,7 +64,7 @@ class Progress:
                  f"{last['change']:.1e}")
         verdict = last["kind"], last["settled"]
         if last["cycle"] == 1 and not last["settled"]:
-            state, verdict = "none before to compare with", ("", False)
+            state, verdict = "no previous cycle to compare with", ("", False)
         line = f"{self.label}: cycle {last['cycle']}: {state}, slip {last['slip']:.3g}"
         self.note(line)
         if self.bar is None and not self.quiet and verdict != self.verdict:
@@ -114,7 +114,7 @@ class Watch:
         elif not self.quiet and now - self.spoken >= SELDOM:
             left = (now - self.start) * max(self.total - self.done, 0) / self.done
             self.spoken = now
-            print(f"{self.words}, step {self.done}/{self.total}, {left:.0f} s left of it",
+            print(f"{self.words}, step {self.done}/{self.total}, {left:.0f} s remaining",
                   flush=True)
 
     def end(self) -> None:

@@ -52,8 +52,8 @@ class Workspace:
             self.abandoned += filter(None, map(self._hold, private))
             held = [name for name, _ in self._held.values()]
             if any(_alive(name) for name in private if name not in held):
-                _warn(f"another run is on its way to {shown(self.out)}: the one that ends last "
-                      "stays there; stop one, or give it an OUT of its own")
+                _warn(f"another run also writes to {shown(self.out)}: the results of the run that "
+                      "ends last remain; stop one of them, or give it another OUT")
             for path in list(self.abandoned):
                 if guard.foreign(path, unfinished=True):
                     self._release(path)
@@ -160,8 +160,8 @@ class Workspace:
         """
         name, descriptor = self._held[self.path]
         if not os.path.samestat(os.lstat(name), os.fstat(descriptor)):
-            raise InputError(f"{name} has been exchanged by somebody while the run worked there: "
-                             "choose OUT in a directory that others cannot write to")
+            raise InputError(f"{name} has been replaced by someone during the run: choose OUT in a "
+                             "directory that others cannot write to")
         with environment.undisturbed():
             os.fchmod(descriptor, 0o777 & ~_umask())
             wanted, out = out, _free(out)
@@ -183,7 +183,7 @@ class Workspace:
         for path in list(self.abandoned):
             self._remove(path)
         if out != wanted:
-            print(f"{shown(wanted)} holds something else than results by now and stays as it is: "
+            print(f"{shown(wanted)} now holds something other than results and is left unchanged: "
                   f"the results are in {shown(out)}", file=sys.stderr)
         return out
 

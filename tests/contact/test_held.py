@@ -264,6 +264,6 @@ def test_a_held_end_that_is_reached_by_sliding_is_inside(scene, solved):
     """It faces nothing in the first steps: the same places are told of in all of them."""
     run = solved(scene(OVER), STEPS=4)
     assert run.status == 0, run.reason
-    said, = (line for line in run.summary["warnings"] if "inside what it meets" in line)
+    said, = (line for line in run.summary["warnings"] if "inside the obstacle or other" in line)
     assert "boundary 31 at (-2, 0)" in said and "name 17 first" in said
     assert re.search("by ([0-9.]+) in step 4", said)[1].startswith("0.1")

@@ -500,12 +500,12 @@ def test_words_of_the_option(words, expected):
      "cycles is declared without friction"),
     ([("macro cycles() 4 //", "macro cycles() 0 //")], {}, "whole number of at least 1"),
     ([("macro cycleStart() 1. //", "macro cycleStart() 5. //")], {}, "no cycle begins at 5"),
-    ([("macro cycleStart() 1. //", "macro cycleStart() 2. //")], {}, "where the cycle begins"),
+    ([("macro cycleStart() 1. //", "macro cycleStart() 2. //")], {}, "when the cycle begins"),
     ([("macro friction() 0.4 //", "macro friction() 0.4 //\nmacro largeSliding() 1 //"),
       ("macro wear() wears //\n", "")], {}, "where contact follows the motion"),
     ([], {"steps": 7}, "no step ends at cycleStart"),
     ([("macro contact() 1 //", "macro contact() 1 //\nmacro obstacleX(t) t //")], {},
-     "an obstacle stands elsewhere"),
+     "an obstacle is at another place"),
     ([], {"cycles": "settled"}, "expects a number of cycles"),
     ([("macro cycles() 4 //\n", ""),
       ("macro cycleStart() 1. //\n", "")], {"cycles": 3}, "declares no cycles"),
@@ -529,7 +529,7 @@ def test_a_cycle_closes_but_for_rounding(history, closed):
     if closed:
         assert Room("cycles", manifest).repeats == (0, 3)
     else:
-        with pytest.raises(InputError, match="a cycle ends where it begins, but amplitude1"):
+        with pytest.raises(InputError, match="a cycle must end as it begins, but amplitude1"):
             Room("cycles", manifest)
 
 
@@ -543,5 +543,5 @@ def test_a_history_of_any_size_comes_back_to_its_digits(size):
 
     assert room(1e-12 * size).repeats == (1, 2)
     for missed in (1e-6 * size, -1e-6 * size):
-        with pytest.raises(InputError, match="a cycle ends where it begins"):
+        with pytest.raises(InputError, match="a cycle must end as it begins"):
             room(missed)

@@ -208,7 +208,7 @@ def test_both_sides_of_a_corner_obey_their_laws(solved, scene, text, exponent, c
 @pytest.mark.parametrize("old, new, reason", [
     ("Exponent() m //", "Exponent() 0. //", "normalComplianceExponent is not positive"),
     ("macro normalCompliance() c //", "macro bilateral() yes //\nmacro normalCompliance() c //",
-     "says nothing of tension"),
+     "is not defined for tension"),
     ("macro normalCompliance() c //\n", "", "without normal compliance")])
 def test_misuse_of_exponents_is_refused(solved, scene, old, new, reason):
     run = solved(scene(POWER, (old, new)), cells=2)

@@ -114,7 +114,7 @@ def test_cycles_end_where_they_begin():
 
     back = moved(0.0, 1.0, 1.0)
     assert back.again == 1 and back.way(0.0, 1.5)[0] == pytest.approx(1.0)
-    with pytest.raises(InputError, match="stands elsewhere"):
+    with pytest.raises(InputError, match="an obstacle is at another place"):
         moved(0.0, 1.0, 1.001)
 
 

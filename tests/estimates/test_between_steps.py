@@ -45,7 +45,7 @@ def test_steps_that_are_said_to_follow_better_halve_what_is_missed(history, step
     """A jump stays in one step, however short that is."""
     line, = between_steps.warnings(manifest(history, steps))
     assert (f"STEPS={offered} follows it better" in line) == bool(offered)
-    assert ("a jump needs a ramp, a pulse stepTimes" in line) == (not offered)
+    assert ("a jump by a ramp, use stepTimes" in line) == (not offered)
     missed = [found.size for n in (steps, offered) if n
               for found in between_steps.departures(manifest(history, n))]
     assert not offered or sum(missed[1:]) <= missed[0] / 2
@@ -179,7 +179,7 @@ def test_time_share_of_one_step_and_of_a_missed_pulse(solved, budget_of, variant
     # the load comes and goes between the first two of four steps
     missed = variant("pulse", ("-4*t^2 + 5*t", "max(0., 1 - abs(t - 0.37)/0.1)"))
     run = solved(missed, loading="nonmonotone", cells=4, steps=4)
-    assert any("they miss what it does there" in line for line in run.summary["warnings"])
+    assert any("the steps do not follow it there" in line for line in run.summary["warnings"])
     found = budget_of(missed, loading="nonmonotone", cells=4, steps=4)
     entry = found["quantities"]["dissipated_energy"]
     true = solved(missed, loading="nonmonotone", cells=4, steps=100).summary["quantities"]

@@ -252,7 +252,7 @@ def test_steps_of_a_static_scene_are_no_choice():
 def test_words():
     found = {"quantity": "slip", "value": -1.0, "error": 0.011, "lines": a_list()}
     lines = price_words.describe(found)
-    assert lines[0] == "what the slip would take, predicted (its error now: 1.1 %)"
+    assert lines[0] == "predicted cost of the slip (present error: 1.1 %)"
     assert any("H=0.4 STEPS=5" in line for line in lines)
     assert price_words.describe({"reason": "the slip is zero", "lines": []}) == [
         "no prices of accuracy: the slip is zero"]

@@ -85,14 +85,14 @@ def test_the_error_in_the_energy_norm_in_words():
              "excluded": ["curved boundaries"]}
     first, beside, left = budget_words.describe_energy(entry)
     assert "at most 15 % (mesh 10 %, solver 0, friction 2.0 %, correction 1.0 %)" in first
-    assert beside == "beside it in the energy norm: Coulomb's law about 3.0 %"
+    assert beside == "in addition, in the energy norm: Coulomb's law about 3.0 %"
     _, beside, _ = budget_words.describe_energy({**entry, "coupling": 9.6})  # digits of nothing
-    assert beside == "beside it in the energy norm: Coulomb's law more than 100 %"
-    assert left == "not in it: curved boundaries"
+    assert beside == "in addition, in the energy norm: Coulomb's law more than 100 %"
+    assert left == "not included: curved boundaries"
     smoothed = budget_words.describe_energy({**entry, "kind": "recovery", "coupling": 0.0,
                                              "time": 0.04, "excluded": []})
-    assert "about 1" in smoothed[0] and smoothed[0].endswith("no bound, by smoothed stresses")
-    assert smoothed[1:] == ["beside it in the energy norm: time steps about 4.0 %"]
+    assert "about 1" in smoothed[0] and smoothed[0].endswith("from smoothed stresses, not a bound")
+    assert smoothed[1:] == ["in addition, in the energy norm: time steps about 4.0 %"]
 
 
 @pytest.mark.parametrize("parts, words", [
@@ -101,7 +101,7 @@ def test_the_error_in_the_energy_norm_in_words():
     ({"mesh": 0.1, "time": 0.3, "total": 0.4, "relative": 0.1},
      "75 % of the error of the normal resultant is due to the time step: STEPS=9 would lower it"),
     ({"mesh": 1e-7, "time": 0.0, "total": 1e-7, "relative": 1e-7},
-     "the normal resultant needs nothing finer"),
+     "the normal resultant needs no finer settings"),
     ({"mesh": None, "time": None, "total": None, "relative": None},
      "the error of the normal resultant from mesh and time step is not known")])
 def test_advice_is_of_the_largest_part(parts, words):
@@ -144,7 +144,7 @@ def test_entries_of_the_summary():
                      "norm": 4.0, "relative": 0.25, "largest": {"step": 2, "reason": "why"},
                      "excluded": ["this"]}
     smoothed = energy.report([(None, Estimate(1))], "recovery", ["this"], "a law")
-    assert smoothed["relative"] == 0.0 and smoothed["why"].endswith("no bound: a law")
+    assert smoothed["relative"] == 0.0 and smoothed["why"].endswith("not a bound: a law")
     assert energy.report([], "none") == {"kind": "none"}
 
 
@@ -527,8 +527,8 @@ include "export.idp"
     errors = run.summary["errors"]["quantities"]
     assert {name for name, entry in errors.items() if entry["total"] is None} >= {
         "peak_pressure", "normal_resultant", "tangential_resultant"}
-    assert ("a support holds the boundary 2 at (2, 1) inside what it meets, by 0.02 in step 2"
-            in " ".join(run.summary["warnings"]))
+    assert ("a support holds the boundary 2 at (2, 1) inside the obstacle or other body, by 0.02 "
+            "in step 2" in " ".join(run.summary["warnings"]))
     along = text.replace("macro support()", "macro displacement1()").replace(
         "u1 = 0., u2 = 0.", "u1 = -0.02, u2 = 0.")
     moved = solved(named_scene("moved", along), errors="yes", cells=4, steps=2)
@@ -559,7 +559,7 @@ include "export.idp"
     forces = [run.summary["errors"]["quantities"]["normal_resultant"] for run in (block, wall)]
     assert forces[0]["total"] is None and forces[1]["total"] > 0
     said = [" ".join(run.summary["warnings"]) for run in (block, wall)]
-    assert "a support holds the boundary 14 at (0, 0) inside what it meets, by " in said[0]
+    assert "a support holds the boundary 14 at (0, 0) inside the obstacle or" in said[0]
     assert "or name 2 first in the pair" in said[0] and "a support holds" not in said[1]
 
 

@@ -55,7 +55,7 @@ def test_the_place_of_a_force_on_a_node_or_two_is_not_known(lone, names):
     found = unresolved.parts(VALUES, 0.1, Touch(20, lone, open={}), "P1", True)
     assert set(found) == names
     if names:
-        assert "a node or two carry 20 %" in found["slip"].note
+        assert "areas of one or two nodes carry 20 %" in found["slip"].note
 
 
 @pytest.mark.parametrize("touch", [Touch(20, 1.0, open={}), Touch(3, 0.0, open={}),
@@ -67,7 +67,7 @@ def test_a_body_that_is_resolved_has_displacements_however_few_nodes_touch(touch
     """By an adjoint problem, or by its error in energy where elements have none."""
     found = unresolved.parts(VALUES, error, touch, "P2", adjoint)
     assert ("displacement" not in found) == known and "slip" in found
-    assert ("the body or what it meets is round: take a finer mesh" in found["slip"].note) == bool(
+    assert ("the body or the other side is round: refine the mesh" in found["slip"].note) == bool(
         touch.round)
 
 
@@ -310,7 +310,7 @@ def test_a_search_says_of_too_few_steps_what_it_claims():
     of.name, of.asked = "slip", 0.01
     claimed = of.budget()["slip"]["time"]
     with pytest.raises(NotConverged, match=re.escape(
-            f"leave the slip an error of {share(claimed, VALUES['slip'])}:")):
+            f"the slip has an error of {share(claimed, VALUES['slip'])}:")):
         of.more_steps(1.0)
 
 
@@ -324,7 +324,8 @@ def test_what_may_be_nothing_but_its_own_error_has_no_claim():
     found = unresolved.claimable(parts, values)
     assert {name for name, part in found.items() if part.error is None} == {"slip",
                                                                            "dissipated_energy"}
-    assert all("its own error" in found[name].note for name in ("slip", "dissipated_energy"))
+    assert all("nothing but its error" in found[name].note
+               for name in ("slip", "dissipated_energy"))
     sure = unresolved.claimable(parts | {"slip": Part(0.05)}, values)
     assert sure["slip"].error == 0.05 and sure["dissipated_energy"].error == 1e-3
 

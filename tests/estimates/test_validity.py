@@ -417,7 +417,7 @@ def test_a_hook_past_a_ramp_leaves_the_obstacle_that_it_met(verdict):
     entry, warnings, status = verdict(HOOK)
     assert status == 0 and entry["verdict"] == "invalid"
     assert entry["largest_normal_error"] > INVALID["largest_normal_error"]
-    assert any("off the surface" in line for line in warnings)
+    assert any("away from the opposite surface" in line for line in warnings)
     entry, _, _ = verdict(HOOK, push=0.3)  # it touches after 0.24 mm
     assert entry["largest_normal_error"] < QUESTIONABLE["largest_normal_error"]
 

@@ -101,7 +101,7 @@ def test_cycles_end_when_they_have_settled():
     assert not of.warnings()
     fresh = solver_of(1, "1 until settled")
     gone_through(*fresh)
-    assert "not settled in 1" in fresh[1].warnings()[0]
+    assert "not settled after cycle 1" in fresh[1].warnings()[0]
 
 
 def test_jumps_carry_on_what_grows():

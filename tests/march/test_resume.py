@@ -316,7 +316,7 @@ def test_two_runs_to_the_same_place_say_so(tmp_path, capsys):
             place.publish(out)
             said.append(capsys.readouterr().err)
     assert [len(words.splitlines()) for words in said] == [1, 0, 1]
-    assert "another run is on its way to" in said[0] and "an OUT of its own" in said[0]
+    assert "another run also writes to" in said[0] and "give it another OUT" in said[0]
     assert "another run has put its results into" in said[2]
     assert '"first"' in (out / "summary.json").read_text()
     with workspace.Workspace(out) as alone:

@@ -130,14 +130,14 @@ def test_a_scene_in_which_nothing_moves_says_so(run_of, more, quiet):
 @pytest.mark.some(2)
 def test_bodies_that_overlap_at_the_start(run_of, bottom, more, said):
     warnings = run_of(BLOCKS.format(bottom=bottom, more=more)).summary["warnings"]
-    assert any("inside what it meets" in warning for warning in warnings) == bool(said)
+    assert any("inside the other side" in warning for warning in warnings) == bool(said)
     assert not said or any(said in warning and "pairGap" in warning for warning in warnings)
 
 
 def test_an_obstacle_that_starts_inside_the_body(run_of):
     more = LOAD + "macro contact() 1 //\nmacro obstacle(x, y) (y - 0.1) //"
     warnings = run_of(BLOCK.format(more=more), steps=1).summary["warnings"]
-    assert any("0.1 inside what it meets" in warning and "gap()" in warning
+    assert any("0.1 inside the other side" in warning and "gap()" in warning
                for warning in warnings)
 
 
@@ -149,7 +149,7 @@ def test_curved_boundaries_that_fit_are_not_complained_of(solved):
 
 def test_coarse_tolerances(run_of):
     warnings = run_of(BLOCK.format(more=LOAD), rtol=0.5, steps=1).summary["warnings"]
-    assert any(warning.startswith("RTOL=0.5 is so coarse") for warning in warnings)
+    assert any(warning.startswith("RTOL=0.5 is too coarse") for warning in warnings)
 
 
 def test_repeated_warnings_are_one_line():
@@ -195,7 +195,8 @@ include "export.idp"
 def test_nodes_that_are_held_and_slide_without_wear_are_named(solved, named_scene, declared, held):
     run = solved(named_scene("held", HELD.replace("DECLARED", declared)), steps=2, subdomains=3)
     assert run.status == 0, run.reason
-    said = [line for line in run.summary["warnings"] if "holds them along the boundary" in line]
+    said = [line for line in run.summary["warnings"]
+            if "constrains them along the boundary" in line]
     assert len(said) == bool(held) and all(line.startswith(f"{held} contact") for line in said)
 
 
@@ -217,7 +218,7 @@ def test_a_distance_in_another_unit_is_said(run_of, macro, text):
     """Of a label that lies far away as a whole: one that is curved may do so at its ends."""
     for distance, far in (("9.", True), ("0.001", False), ("-0.001", False), ("0.1*x*x", False)):
         run = run_of(text.format(bottom=1, more=f"macro {macro}() {distance} //"))
-        said = [line for line in run.summary["warnings"] if "look at its sign" in line]
+        said = [line for line in run.summary["warnings"] if "check its sign" in line]
         assert len(said) == far, run.summary["warnings"]
         assert not far or said[0].startswith(f"{macro} keeps contact label ")
 
@@ -240,6 +241,6 @@ def test_a_load_on_what_supports_hold_is_said(run_of, load, ways):
     text = BLOCK.format(more=LOAD + f"macro load2() {load} //")
     for cut in (2, 5):
         said = [line for line in run_of(text, subdomains=cut).summary["warnings"]
-                if "that moves nothing" in line]
-        assert [line.split(" on what")[0] for line in said] == (
+                if "it moves nothing" in line]
+        assert [line.split(" only on")[0] for line in said] == (
             [f"load2 acts along {ways}"] if ways else [])

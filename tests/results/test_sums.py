@@ -381,16 +381,17 @@ def test_a_line_about_cycles(kind, words):
             "dissipated": 3.0}
     line, = screen.cycles({"last": last, "number": 9, "skipped": 4, "error": 1e-3,
                            "settled_after": None}, UNITS)
-    assert line.startswith("9 cycles, 4 of them jumped over, which may err by 0.001 mm, not settl")
-    assert words in line and "friction takes 3 " in line
+    assert line.startswith("9 cycles, 4 of them jumped over, with an estimated error of 0.001 mm, "
+                           "not settl")
+    assert words in line and "friction dissipates 3 " in line
     line, = screen.cycles({"last": last, "number": 1, "skipped": 0, "error": 0.0,
                            "settled_after": 1}, UNITS)
     assert line.startswith(f"1 cycle, settled from cycle 1 on: {kind}")
     # one alone comes to nothing yet: its change of 1 is that from nothing
     line, = screen.cycles({"last": last | {"change": 1.0}, "number": 1, "skipped": 0, "error": 0.0,
                            "settled_after": None}, UNITS)
-    assert line == ("1 cycle, none before to compare with: slip of 0.25 mm, "
-                    f"friction takes 3 {line.split()[-1]}")
+    assert line == ("1 cycle, no previous cycle to compare with: slip of 0.25 mm, "
+                    f"friction dissipates 3 {line.split()[-1]}")
     assert screen.cycles(None, UNITS) == []
 
 

@@ -301,7 +301,7 @@ def test_displacements_of_supports_end_a_search(error, sizes, ends):
     if not ends:
         search._refuse_supported(entry)
         return
-    with pytest.raises(NotConverged, match="support.*may be 2.5 %; reached: 3.5 %"):
+    with pytest.raises(NotConverged, match="support.*possibly 2.5 %; reached: 3.5 %"):
         search._refuse_supported(entry)
 
 
@@ -322,7 +322,7 @@ def test_what_a_force_that_loads_give_leaves_open_is_named(force, pressure, unna
     search.asked, search.name, search.unnamed = 0.02, "normal_resultant", unnamed
     search.budget = lambda: {"peak_pressure": {"relative": pressure},
                              "normal_resultant": {"relative": force}}
-    assert ("ACCURACY=2%,peak_pressure asks" in search.others()) is said
+    assert ("ACCURACY=2%,peak_pressure requests" in search.others()) is said
 
 
 def test_tolerances_are_measured_against_runs_that_are_there():
@@ -466,7 +466,7 @@ def test_runs_of_a_search_that_take_long_are_told_in_lines(tmp_path, monkeypatch
     execute(Run.from_pairs({"scene": "cantilever", "accuracy": "10%", "figures": "no",
                             "out": str(tmp_path / "out")}))
     said = capfd.readouterr().out
-    assert "cantilever: ACCURACY, run 1, step 1/1, 0 s left of it" in said
+    assert "cantilever: ACCURACY, run 1, step 1/1, 0 s remaining" in said
     assert "ACCURACY, run 2, step" in said and "error estimates" not in said
 
 
@@ -519,7 +519,7 @@ def test_what_is_zero_has_no_relative_error():
 def test_a_request_beyond_the_limits_is_refused_with_what_was_reached(solved, monkeypatch):
     monkeypatch.setattr(goal, "LARGEST", 3000)
     run = solved("cantilever", accuracy="0.0001%")
-    assert run.status == 4 and "would take CELLS=" in run.reason and "reached" in run.reason
+    assert run.status == 4 and "would need CELLS=" in run.reason and "reached" in run.reason
     assert run.summary["accuracy"]["reached"] > 1e-6
 
 
@@ -538,7 +538,7 @@ def test_mistakes(solved, tmp_path):
     for options, said in ((dict(cells=3), "ACCURACY chooses CELLS itself"),
                           (dict(accuracy="2"), "expects a relative error"),
                           (dict(accuracy="1%,slip"),
-                           "'slip', which is none of the scene's quantities: displacement")):
+                           "'slip', which is not among the quantities of the scene: displacement")):
         run = solved("cantilever", **{"accuracy": "1%", **options})
         assert run.status == 2 and said in run.reason and "\n" not in run.reason, run.reason
     fixed, text = tmp_path / "fixed.edp", (
@@ -681,5 +681,5 @@ macro friction() 0.4 //
 include "export.idp"
 """)
     run = solved(path, accuracy="50%,normal_resultant")
-    assert run.status == 0 and any("amplitude 2 departs" in line for line in
+    assert run.status == 0 and any("amplitude 2 deviates" in line for line in
                                    run.summary["warnings"])

@@ -506,7 +506,7 @@ def test_the_folder_of_a_study(tmp_path):
     with pytest.raises(InputError, match="cannot hold results|is no directory"):
         guard.study_folder(tmp_path / "table.csv" / "below", "hard")
     (tmp_path / "link").symlink_to("nowhere")
-    with pytest.raises(InputError, match="where nothing is"):
+    with pytest.raises(InputError, match="which does not exist"):
         guard.study_folder(tmp_path / "link", "hard")
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / guard.STUDY).symlink_to(tmp_path / guard.STUDY)
@@ -523,7 +523,7 @@ def test_two_studies_do_not_work_in_one_place(tmp_path):
     with subprocess.Popen([sys.executable, "-c", other], stdin=subprocess.PIPE,
                           stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout.readline() == "there\n"
-        with pytest.raises(InputError, match="is where another make hard works: wait"):
+        with pytest.raises(InputError, match="is in use by another make hard: wait"):
             guard.study_folder(tmp_path, "hard")
         process.communicate("\n")
     for _ in range(2):

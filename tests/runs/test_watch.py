@@ -19,7 +19,7 @@ def test_companions_that_take_long_are_told_in_lines(monkeypatch, capsys, quiet,
         said.end()
     out = capsys.readouterr().out.splitlines()
     assert len(out) == lines
-    last = "strip: error estimates 2/2, time steps: companion 2, step 2/2, 0 s left of it"
+    last = "strip: error estimates 2/2, time steps: companion 2, step 2/2, 0 s remaining"
     assert not lines or out[-1] == last
 
 
@@ -47,6 +47,6 @@ def test_cycles_are_told_where_they_say_something_new(capsys):
                      "slip": 0.5})
         told.judge(SimpleNamespace(total=12, past=SimpleNamespace(rows=rows)))
     assert capsys.readouterr().out.splitlines() == [
-        "strip: cycle 1: none before to compare with, slip 0.5",
+        "strip: cycle 1: no previous cycle to compare with, slip 0.5",
         "strip: cycle 2: not settled, ratcheting, change 1.0e+00, slip 0.5",
         "strip: cycle 4: settled, alternating slip, change 1.0e+00, slip 0.5"]
