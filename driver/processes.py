@@ -10,6 +10,7 @@ from collections.abc import Callable
 from .options import CORES
 
 FORK = multiprocessing.get_context("fork")  # what has been read and imported is there already
+LEAST = 19  # of all priorities
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
@@ -101,6 +102,7 @@ def _in_turn(one: Callable[[int], object], count: int, sender, parent: int) -> N
 
     _on_signals(stop)
     _end_with(parent)
+    os.nice(LEAST)  # where cores are few, what others do comes first
     try:
         for number in range(count):
             sender.send(one(number))

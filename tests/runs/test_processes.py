@@ -139,3 +139,9 @@ def test_a_program_that_works_ahead_has_ended_once_a_series_is_closed(tmp_path):
     series.close()
     listed = subprocess.run(["ps", "-eo", "args"], capture_output=True, text=True, check=True)
     assert str(tmp_path / "at-work") not in listed.stdout
+
+
+def test_what_is_done_ahead_leaves_cores_to_others():
+    series = processes.Series(lambda _: os.nice(0), 1)
+    assert series.wait(0) == max(os.nice(0), processes.LEAST)
+    series.close()
