@@ -3,57 +3,27 @@
 FreeFEM names the place where it trips, which may be a macro of the library that the scene's own
 words were put into. What it does not say is known from two files that the driver writes (see
 declarations.py): every line of ``messages/contents.idp`` is about one macro of the scene, and a run
-that is traced names each macro before it evaluates it.
+that is traced names each macro before it evaluates it (run_time.py).
 """
 
 import re
 from pathlib import Path
 
 from .. import environment
-from ..text import ends, near
-from . import declarations, grammar, rooms, script
+from ..text import near
+from . import declarations, grammar, rooms, run_time, script
 
 COMPILE_ERROR = re.compile(r"Error line number\s*(\d+), in file\s+(macro: \w+ in )?(\S+?), "
                            r"before\s+token\s*(.*)")
 REFUSED = "scene error: "  # before what the library refuses
-SILENT = "current line|^ConnectedComponents "  # output that says nothing of what is wrong
-EVALUATING = re.compile(rf"^{declarations.EVALUATING}(.*)$", re.MULTILINE)
 MISTAKES = tuple((re.compile(start), words) for start, words in (
     ("syntax error", "syntax error"),
     (r"error operator\s+\(", "a call with arguments of a wrong number or kind"),
     (r"error operator\s+=", "a value of another kind than the variable's")))
+WRONG_KIND = "values of the wrong kind"
 TYPES = r"real|int|bool|string|complex|mesh|matrix|varf|border|fespace|func\s+\w+"
-SAME_PLACE = re.compile(r"double points in\s+s = \d+ \(\[[^]]*\],\[([^]]*)\]")
-ENDS = ": the content of a macro ends at its //, without a ;"
-APART = "mesh bodies that touch one at a time and join them by addBody(...)"
-# what a run-time message of FreeFEM means for a scene
-MEANINGS = (
-    (r"Div by 0", "a division by zero"),
-    (r"Optimized version", "a number that is none (NaN), as from sqrt of a negative one"),
-    (r"exec assert", "an assert that does not hold"),
-    (r"triangles was reverse", "movemesh turns triangles over or makes them flat"),
-    (r"Error mshptg8_|max nb points", "a mesh without cells: square needs one cell a side at "
-                                      "least; is the element size (H) far too large?"),
-    (r"boundary is not closed", "borders that do not close a curve"),
-    (r"boundary is crossing", "borders that cross one another"),
-    (r"wrong direction", "a border that runs the wrong way round, as the body must lie on its "
-                         "left, or one without elements: is the element size (H) too large?"),
-    (r"Assertion fail|missing vertices", "a mesh that FreeFEM cannot work with: triangles that are "
-                                         "flat or overlap, vertices that coincide or are NaN"),
-    (r"(?s:mesh generator.*call gmshBody)", "triangles or edges that are there twice or overlap, "
-                                            f"as of bodies in one file: {APART}"),
-    (r"mesh generator", "a mesh with triangles or edges that are there twice, overlap, are flat or "
-                        "run clockwise, or with vertices that coincide"),
-    (r"Mesh IO Error|Erreur Lecture", "a mesh file that is damaged or not there"),
-    (r"Strange catch exception", "not enough memory for a mesh of this size: is the element size "
-                                 "(H) far too small, or is CELLS or SUBDOMAINS far too large?"))
-
-KILLED = {6: "not enough memory?", 9: "was there enough memory?", 25: "a file beyond 'ulimit -f'",
-          11: "a mesh that is far too fine (H, CELLS, SUBDOMAINS), vertices that no triangle uses "
-              "(from gmsh: curves of a surface without a Physical Surface), or a NaN for a value"}
-OUTSIDE = (2, 9, 15, 25)  # signals that no statement of a scene is the cause of
-
-
+HINTS = {";": ": the content of a macro ends at its //, without a ;",  # by the token
+         "on": ": terms are added: on(...) + on(...)"}
 def library_words() -> list[tuple[str, str]]:
     """Macros of scene.idp that a scene calls: name, and the form that a user writes."""
     text = (environment.LIBRARY / "scene.idp").read_text()
@@ -126,10 +96,8 @@ def failure(output: str, status: int, scene: Path, folder: Path, retrace) -> str
         return script.taken_name(scene, taken[1])
     if COMPILE_ERROR.search(output) or "Compile error" in output:
         return _compilation(output, scene, folder)
-    return _execution(output, status, scene, retrace)
+    return run_time.ended(output, status, scene, retrace)
 
-
-# ---- while FreeFEM reads the scene ---------------------------------------------------------------
 
 def _compilation(output: str, scene: Path, folder: Path) -> str:
     """What FreeFEM does not understand."""
@@ -171,7 +139,7 @@ def _misunderstood(error: re.Match, lines: list[str], scene: Path, folder: Path)
         return _wrong_content(declared, scene)
     remedy = _mixed(wrapper, scene, path.name, int(number))
     if wrapper in rooms.vocabulary():
-        remedy = remedy or ENDS * (error[4].strip() == ";")
+        remedy = remedy or HINTS.get(error[4].strip(), "")
         return (f"{grammar.place(scene, rf'macro {wrapper}')}: FreeFEM does not understand "
                 f"{wrapper}{token}{remedy}")
     if wrapper in dict(library_words()):
@@ -185,7 +153,9 @@ def _misunderstood(error: re.Match, lines: list[str], scene: Path, folder: Path)
     if path.suffix not in (".edp", ".idp"):  # the end of the file
         path = scene
     said = next((words for start, words in MISTAKES if any(map(start.match, lines))), "")
-    said = said or next((line for line in lines if " exists" in line), "values of the wrong kind")
+    said = said or next((line for line in lines if " exists" in line), WRONG_KIND)
+    if quoting := said == WRONG_KIND and _quoting(path, scene):
+        return f"{quoting} is given a text in quotes where it takes a number"
     if said == "syntax error" and _declares(scene, path.name, int(number), error[4].strip()):
         said = f"'{error[4].strip()}' is a word of FreeFEM's own: choose another name"
     elif said == MISTAKES[1][1] and (form := _form(_line(scene, path.name, int(number)))):
@@ -205,6 +175,18 @@ def _holding(token: str, path: Path, scene: Path) -> str:
     word = rf"(?<!\w){re.escape(token)}(?!\w)"
     return next((macro.name for file in files for macro in grammar.definitions(file)
                  if macro.name in rooms.vocabulary() and re.search(word, macro.content)), "")
+
+
+def _quoting(path: Path, scene: Path) -> str:
+    """The first macro of the scene with a text in quotes, and its place, where FreeFEM trips over a
+    line of the library's; "" for none.
+    """
+    files = grammar.sources(scene)
+    if any(file.path.name == path.name for file in files):
+        return ""
+    return next((f"{file.path.name} line {macro.line}: {macro.name}" for file in files
+                 for macro in grammar.definitions(file)
+                 if macro.name in rooms.vocabulary() and '"' in macro.content), "")
 
 
 def _form(code: str) -> str:
@@ -342,59 +324,3 @@ def _wrong_content(name: str, scene: Path) -> str:
                   for each in grammar.definitions(source) if each.name == name), "")
     return (f"{grammar.place(scene, rf'macro {name}')}: the macro {name} cannot be  {given}: it "
             f"expects {macro.text}")
-
-
-# ---- while FreeFEM runs the scene ----------------------------------------------------------------
-
-def _execution(output: str, status: int, scene: Path, retrace) -> str:
-    """What ended the script."""
-    lines = [line.strip() for line in output.splitlines() if line.strip()]
-    killed = -status if status < 0 else status - 128 if status > 128 else 0
-    said = ends(dict.fromkeys(line for line in lines
-                              if line.startswith(("Exec error", "Error", "Fatal error"))))
-    number = (re.search(r"call gmshBody +at +line +(\d+)", output)
-              or re.search(r"current line = (\d+)", output))
-    if "dlerror" in output:
-        name = (re.findall(r"dlerror : (\S+?)\.so", output) or [""])[0]
-        return f"{grammar.place(scene, rf'load.*{name}')}: FreeFEM has no plugin {name}"
-    if same := SAME_PLACE.search(output):
-        file = grammar.place(scene, "[.](geo|msh)")
-        return f"{file}: two points of the mesh at ({same[1]}): {APART}"
-    meaning = next((words for pattern, words in MEANINGS if re.search(pattern, output)), "")
-    if killed:
-        said = f"FreeFEM was killed by signal {killed}"
-        meaning = meaning or KILLED.get(killed, "")
-    said = said or next((line for line in lines if not re.search(SILENT, line)), "no message")
-    reason = f"{meaning} ({said})" if meaning else said
-    traced = [] if killed in OUTSIDE else EVALUATING.findall(retrace())
-    bodies, now = traced.count("addBody"), traced[-1] if traced else ""
-    if now in rooms.vocabulary() and "end" not in traced:
-        place = grammar.place(scene, rf"macro {now}\b")
-        if now == "obstacle" and "Div by 0" in output:
-            reason = ("it is the same everywhere about a place where it is asked for, and gives no "
-                      "direction there")
-        return f"{place}: {now} cannot be evaluated: {reason}"
-    body = grammar.uses(scene, "addBody", bodies - 1) if bodies and now == "addBody" else ""
-    line, last = re.search(r" line (\d+)$", body), len(grammar.sources(scene)[0].code)
-    # no line further on in the scene; those of the library's own are beyond its end
-    if body and not (line and number and int(line[1]) < int(number[1]) <= last):
-        return f"{body}: this body cannot be made: {reason}"
-    where = scene.name
-    if number and ("export" not in traced or now == "end"):
-        where = at(scene, int(number[1]), meshed="Exec error" not in output)
-    return f"FreeFEM failed in {where} (exit {status}): {reason}"
-
-
-def at(scene: Path, number: int, meshed: bool) -> str:
-    """The files that have a line of this number; where it draws a border that is `meshed`, where.
-
-    It is one of a file of the library where the scene's own have not as many.
-    """
-    sources = [source for source in grammar.sources(scene) if len(source.code) >= number]
-    for source in sources:
-        border = meshed and re.match(r"\s*border\s+(\w+)", source.code[number - 1])
-        code = "\n".join(source.code)
-        for mesh in re.finditer(r"\bbuildmesh\b[^;]*", code) if border else ():
-            if re.search(rf"\b{border[1]}\b", mesh[0]):
-                return f"{source.path.name} line {code.count(chr(10), 0, mesh.start()) + 1}"
-    return " or ".join(f"{source.path.name} line {number}" for source in sources) or scene.name

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from . import explain, grammar
+from . import grammar, run_time
 
 STUMBLES = re.compile("Mesh IO Error|Erreur Lecture|mesh generator|missing vertices|Strange catch|"
                       "Assertion fail")
@@ -32,7 +32,7 @@ def fault(output: str, status: int, scene: Path, folder: Path) -> str:
         return ""
     if called := FROM_GMSH.search(output):
         wrong = judged(folder / "body-0.msh")
-        where = explain.at(scene, int(called[1]), meshed=False)
+        where = run_time.at(scene, int(called[1]), meshed=False)
         return f"{where}: what gmshBody loads {wrong}" if wrong else ""
     for source in grammar.sources(scene):
         for number, line in enumerate(source.code, 1):

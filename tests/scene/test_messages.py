@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from driver.errors import InputError
-from driver.scene import compared, declarations, explain, freefem, grammar, pitfalls, script, size
+from driver.scene import (compared, declarations, explain, freefem, grammar, pitfalls, run_time,
+                          script, size)
 from driver.scene.manifest import announced
 from driver.scene.rooms import all_macros
 
@@ -319,6 +320,9 @@ def test_names_of_freefem_are_what_the_library_has_undeclared():
     ("rectangle(0., 2., 0., 1.);", "rectangle(0., 2., 0., 1.); rectangle(0., 1., 0., 1.);",
      "twice"),
     ("rectangle(0., 2., 0., 1.);", "rectangle(0., 1e400, 0., 1.);", "finite"),
+    ("u2 = 0.) //", "u2 = 0.) on(2, u1 = 0.) //", "terms are added: on(...) + on(...)"),
+    ("traction(3, 2., -10.)", 'pressure(3, "10")', "load1 is given a text in quotes"),
+    ("quasistatic(1.);", "quasistatic(int1d(body, 3)(1.));", "a mesh that has not been made"),
 ])
 @pytest.mark.some(2)
 def test_what_freefem_trips_over(said, old, new, words):
@@ -443,7 +447,7 @@ def test_every_macro_with_a_kind_is_put_where_it_is_expected(tmp_path):
 
 def test_traces_name_what_is_evaluated():
     output = "evaluating: load1\nevaluating: young\n"
-    assert explain.EVALUATING.findall(output) == ["load1", "young"]
+    assert run_time.EVALUATING.findall(output) == ["load1", "young"]
 
 
 DISC = (("rectangle(0., 2., 0., 1.);",
