@@ -37,7 +37,7 @@ class DualProblem(ABC):
     motions: list[np.ndarray]
     travels: dict[int, np.ndarray]
     levels = 1
-    uneven = False
+    uneven = bodies_differ = False
     row_level: np.ndarray
     rho: np.ndarray
     rigid_work: np.ndarray

@@ -80,6 +80,7 @@ class DualOperator(DualProblem):
         self.row_level = self.stiff_parts.level
         self.levels = len(self.stiff_parts.exponents)
         self.uneven = self.stiff_parts.uneven
+        self.bodies_differ = self.stiff_parts.bodies_differ
         self._least = LeastDeformation(structure, self.classes, comm)
         self._latest = None  # multipliers, weights and their fields, see `deformations`
         self._fields = None  # displacements under every load pattern, see `renew`

@@ -15,7 +15,8 @@ it is delta_0 and costs nothing.
 
 Where it varies by `UNEVEN` and more within a body, factors round off more of displacements than
 steps may miss, of soft parts as well: a step is judged by refined ones (extended_precision.py).
-Bodies that contact or ties connect have factors of their own.
+Bodies that contact or ties connect have factors of their own; where these differ as much, steps
+are judged by refined displacements if they find no solution without.
 """
 
 import numpy as np
@@ -37,7 +38,8 @@ class StiffParts:
     """Scales of displacements of the rows of `structure`, by levels of stiffness; collective.
 
     `exponents` (levels,) are the e that rows have, and 0, which is the first; `level` (owned,) is
-    the place of the row's own in them. `uneven`: displacements need refinement for their digits.
+    the place of the row's own in them. `uneven`: displacements need refinement for their digits;
+    `bodies_differ`: they may, as one body is so much stiffer than another.
     """
 
     def __init__(self, structure, comm):
@@ -46,6 +48,7 @@ class StiffParts:
         stiffness = {key: np.einsum("tii->t", law) for key, law in laws.items()}
         low, high = _of_bodies(structure, stiffness, comm)
         softest, self.uneven = low.min(initial=np.inf), bool((high >= UNEVEN * low).any())
+        self.bodies_differ = bool(high.max(initial=0.0) >= UNEVEN * softest)
 
         def exponent(k: np.ndarray) -> np.ndarray:
             return np.floor(np.log10(k / softest) + ROUNDED).astype(int)

@@ -1,5 +1,6 @@
 """The contact part of the dual vectors: dense, in the order of the contact nodes, on every rank."""
 
+import contextlib
 import functools
 from dataclasses import dataclass
 
@@ -133,6 +134,16 @@ class Condensation:
         if self.whole or self.operator.uneven:
             return None
         return GluingElimination(self.operator)
+
+    @contextlib.contextmanager
+    def refined(self):
+        """A block in which displacements are refined, as where stiffness jumps inside a body."""
+        op, known, elimination = self.operator, self.eliminated, self.elimination
+        op.uneven, self.eliminated, self.elimination = True, False, None
+        try:
+            yield
+        finally:
+            op.uneven, self.eliminated, self.elimination = False, known, elimination
 
     @functools.cached_property
     def hardly_felt(self) -> bool:

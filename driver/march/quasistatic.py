@@ -297,8 +297,7 @@ class QuasistaticSolver:
             answer = self._kept(load, *start[:2]) if self._holds(index) else None
             if answer is not None:
                 trace.rate = self.contraction
-            x, gradient, moved, residuals = answer or self.closure.settled(
-                index, load, start, trace, self.solve)
+            x, gradient, moved, residuals = answer or self._settled(index, load, start, trace)
             self.history.counts["condensed_steps"] += bool(trace.shortcut)
             self._examine(index, load, x, gradient, trace)
             self.bodies.note_loose_motion(index, x)
@@ -314,6 +313,21 @@ class QuasistaticSolver:
         return Step(index, float(self.times[index]), load.weights, x, gradient, rows.states(x),
                     rows.law_bound(x), trace.iterations, op.products - products,
                     trace.contraction, residuals, moved, trace.refined), error
+
+    def _settled(self, index: int, load: Load, start: tuple, trace: Trace) -> tuple:
+        """What `closure` settles: where it fails beside much stiffer bodies, anew to more digits.
+
+        Raises Unfinished.
+        """
+        place = self.fixed_point.place(load)
+        try:
+            return self.closure.settled(index, load, start, trace, self.solve)
+        except Unfinished:
+            if self.operator.uneven or not self.operator.bodies_differ or self.effects.closes:
+                raise  # tangents of laws have changed the load
+        start = self.fixed_point.back(load, place, start)
+        with self.condensation.refined():
+            return self.closure.settled(index, load, start, trace, self.solve)
 
     def _holds(self, index: int) -> bool:
         """Whether loads and obstacles stay what they were at the end of the step before.

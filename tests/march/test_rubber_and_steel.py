@@ -69,3 +69,33 @@ def test_stiffness_jumps_inside_bodies_alone(built, named_scene):
     """Two materials in one body are another matter: its factors see both."""
     assert not built(scene=named_scene("rubber", SCENE)).operator.uneven
     assert built(scene=named_scene("layers", LAYERS)).operator.uneven
+
+
+SOFT_BETWEEN = """// a soft block between stiff ones that are pushed together on a floor
+include "scene.idp"
+units("m", "Pa");
+quasistatic(1.);
+int[int] l0 = [11, 12, 13, 14], l1 = [21, 22, 23, 24], l2 = [31, 32, 33, 34];
+addBody(square(6, 6, [2*x, 1.3*y], label = l0)) bodyMaterial("m0", 1e8, 0.2);
+addBody(square(5, 7, [2 + 2*x, 0.8*y], label = l1)) bodyMaterial("m1", 100., 0.45);
+addBody(square(7, 6, [4 + 1.5*x, 1.3*y], label = l2)) bodyMaterial("m2", 1e8, 0.2);
+macro contact() 11, 21, 31 //
+macro contactPair() 24, 12, 34, 22 //
+macro friction() 0.2 //
+macro load1() traction(13, 0., -2.) + traction(23, 0., -2.) + traction(33, 0., -1.) //
+macro load2() traction(32, -1., 0.1) //
+macro amplitude2(t) t*t //
+include "export.idp"
+"""
+
+
+@pytest.mark.slow
+def test_steps_that_fail_beside_stiff_bodies_are_solved_to_more_digits(solved, named_scene):
+    """Without gluing rows, which others are corrected by, free bodies balance to too few digits."""
+    path = named_scene("between", SOFT_BETWEEN)
+    runs = [solved(path, steps=5, uniqueness="no", **cut) for cut in (
+        {"subdomains": 3}, {"subdomains": 7}, {"subdomains": 11, "np": 2})]
+    forces = [np.sort(run.contact["sigma_n"][-1] * run.contact["weight"][-1]) for run in runs]
+    for run, force in zip(runs, forces):
+        assert run.status == 0 and max(run.summary["residuals"].values()) <= 1e-6
+        np.testing.assert_allclose(force, forces[0], rtol=0, atol=1e-5 * np.abs(force).max())
