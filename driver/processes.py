@@ -101,6 +101,7 @@ def _in_turn(one: Callable[[int], object], count: int, sender, parent: int) -> N
         raise SystemExit(1)
 
     _on_signals(stop)
+    signal.signal(signal.SIGTERM, stop)  # that of `close`, also where others are ignored
     _end_with(parent)
     os.nice(LEAST)  # where cores are few, what others do comes first
     try:

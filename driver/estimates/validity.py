@@ -12,7 +12,7 @@ normals   of closed nodes: distance from the obstacle or the other body, measure
           places, less the distance that the contact conditions used, over the contact length; and
           the angle between the normal there and the one that was used (`normal_turn`)
 swelling  what a body that contact holds from two sides grows by as it turns, as rotations are
-          linear, over what it is squeezed by (swelling.py)
+          linear, over what it is squeezed by (swelling.py); nothing where loads alone press it
 slide     of closed nodes on another body: how far they are along it from where their forces act on
           it, over the contact length (`largest_slide`); nothing where contact follows the motion
 overlaps  boundaries without declared contact that penetrate, of two bodies or of one, by more than
@@ -202,12 +202,10 @@ class Validity:
     def _check_swelling(self, step, state: dict, moved: np.ndarray) -> None:
         if self.problem.manifest.axisymmetric:  # whose sections are held by their hoops
             return
-        edges, partners = self.structure.outer_edges, {}
-        for one, two in self.problem.manifest.contact_pairs:
-            partners.setdefault(one, []).extend(
-                np.unique(self.body[edges[edges[:, 2] == two, 0]]).tolist())
+        partners, free = swelling.holders(self.structure, self.problem.manifest, self.member,
+                                          self.body)
         for value, more, place in swelling.of_bodies(self.boundary, state, moved, self.body,
-                                                     self.turns, partners):
+                                                     self.turns, partners, free):
             self.note("largest_swelling", value, place, step.index, **more)
 
     def _followed(self, step, moved: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

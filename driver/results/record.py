@@ -227,8 +227,10 @@ class Record:
 
     def nodes(self) -> dict:
         """Columns of the nodes, as quantities.py takes them."""
-        return ({name: getattr(self.contact.boundary, name) for name in NODES}
-                | {"shares": self.shares, "smooth_end": self.smooth_end,
+        b = self.contact.boundary
+        driven = np.full(len(b.gid), b.motion is not None and b.following is None) & ~b.paired
+        return ({name: getattr(b, name) for name in NODES}
+                | {"shares": self.shares, "smooth_end": self.smooth_end, "driven": driven,
                    "material_corner": self.material_corner})
 
     def _columns(self, which: slice = slice(None)) -> tuple[dict, dict]:

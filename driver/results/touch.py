@@ -185,7 +185,7 @@ def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
                 few += _of_few(nodes, piece, closed[piece])
         near = piece[(np.abs(piece - top) <= 1) & touching[:, piece].any(axis=0)]
         if top in piece and len(near):
-            onward = np.where(touching[:, near], 0.0, _passed(steps, index, top)[:, None])
+            onward = np.where(touching[:, near], 0.0, _passed(nodes, steps, index, top)[:, None])
             apart = float(np.abs(way[near] + onward.sum(axis=0) - way[top]).max())
             apart *= min(1.0, FEW / max(1, np.count_nonzero(sliding[:, piece].any(axis=0))))
     share = min(1.0, FEW / max(1, np.count_nonzero(closed)))
@@ -194,11 +194,14 @@ def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
             "contact_length": few + bays + max(clamped, early, ends), "slip": apart}
 
 
-def _passed(steps: dict, index: int, node: int) -> np.ndarray:
+def _passed(nodes: dict, steps: dict, index: int, node: int) -> np.ndarray:
     """(steps,) ways until step `index` that a node has slid by motion of an obstacle, not its own.
+
+    Zero where nothing drives it, and where contact follows the motion: as normals turn, changes of
+    u_t are not the node's own way.
     """
     way = np.where(steps["status"] == SLIP, moves(steps), 0.0)[: index + 1, node]
-    if "u_t" not in steps:
+    if not nodes.get("driven", np.zeros(len(nodes["arc"]), bool))[node]:
         return np.zeros(len(way))
     own = np.abs(np.diff(steps["u_t"][: index + 1, node], prepend=0.0))
     past = np.abs(steps["slip"][: index + 1, node])

@@ -7,6 +7,7 @@ import pytest
 
 from driver.contact.states import OPEN, SLIP, ContactField
 from driver.estimates import swelling
+from driver.feti.rigid_modes import RigidMode
 from driver.vectors import turned_left
 
 PLACES = np.array([[-0.1, -1.0], [0.1, -1.0], [-0.2, 1.0], [0.2, 1.0]])
@@ -63,6 +64,77 @@ def test_the_second_body_of_a_pair_is_held_by_it_too():
     assert lower == pytest.approx(turn**2 / squeeze) and more == {"turn": turn} and upper == 0.0
     state[ContactField.STATUS][2:] = OPEN
     assert [part for part, *_ in swelling.of_bodies(b, state, field, body, turns, {7: [0]})] == [0]
+
+
+def stacked(held: bool, free: bool, turn: float = 0.05, squeeze: float = 0.02) -> list[float]:
+    """Parts of squeeze of a body 0 on an obstacle, under a body 1 that is `free` of supports, and
+    is or is not `held` down by another obstacle at its node 6.
+    """
+    u = moved(turn, squeeze)
+    down = np.array([0.0, -1.0])  # outward of body 0 below and of body 1 towards body 0
+    normal = np.vstack([[down] * 4, -down])[:4 + held]
+    jump = np.zeros((2, 2)) - u[2:]
+    b = SimpleNamespace(gid=np.array([0, 1, 4, 5] + [6] * held),
+                        label=np.array([1, 1, 7, 7] + [9] * held),
+                        xy=np.vstack([PLACES, [0.0, 2.0]])[:4 + held],
+                        paired=np.array([False, False, True, True] + [False] * held),
+                        normal=normal, weight=np.ones(4 + held))
+    state = {ContactField.STATUS: np.full(4 + held, SLIP),
+             ContactField.SIGMA_N: np.append(-np.abs(PRESSED[:, 1]), [-1.0] * held),
+             ContactField.U_N: np.r_[u[:2] @ down, jump @ down, [0.0] * held],
+             ContactField.U_T: np.r_[0.0, 0.0, jump @ turned_left(down), [0.0] * held]}
+    field = np.zeros((7, 2))
+    field[[0, 1]] = u[:2]
+    up = RigidMode(1, np.array([1]), np.zeros(2), np.array([0.0, 1.0]), 0.0)
+    modes = {1: [up]} if free else {}
+    found = swelling.of_bodies(b, state, field, np.array([0, 0, 0, 0, 1, 1, 1]),
+                               np.array([turn, 0.0]), {7: [0]}, modes)
+    return [part for part, *_ in found]
+
+
+@pytest.mark.parametrize("held, free, squeezed", [(False, True, False), (False, False, True),
+                                                  (True, True, True)])
+def test_what_is_free_to_give_way_squeezes_by_its_loads(held, free, squeezed):
+    """A plate that rests on a roller rises as it turns; one that a support or an obstacle above
+    keeps down does not.
+    """
+    assert stacked(held, free)[0] == pytest.approx(0.05**2 / 0.02 if squeezed else 0.0)
+
+
+PLATE = """include "scene.idp"
+real R = 5., turn = physical("turn", 0.06);
+units("mm", "MPa");
+int n = 12;
+border low(t=-3*pi/4, -pi/4) { x = R*cos(t); y = R*sin(t); label = 1; }
+border right(t=-pi/4, pi/4) { x = R*cos(t); y = R*sin(t); label = 2; }
+border high(t=pi/4, 3*pi/4) { x = R*cos(t); y = R*sin(t); label = 3; }
+border left(t=3*pi/4, 5*pi/4) { x = R*cos(t); y = R*sin(t); label = 4; }
+addBody(buildmesh(low(2*n) + right(n/3) + high(2*n) + left(n/3)));
+int[int] sides = [11, 12, 13, 14];
+addBody(square(24, 4, [-5 + 10*x, R + 3*y], label = sides));
+quasistatic(2.);
+macro young() 210e3 //
+macro poisson() 0.3 //
+macro contact() 1 //
+macro contactPair() 11, 3 //
+macro obstacle(x, y) (y + R) //
+macro friction() 0.3 //
+macro displacement1() on(12, u1 = 2.*R*turn) //
+macro amplitude1(t) max(0., t - 1.) //
+macro load2() pressure(13, 20.) //
+macro amplitude2(t) min(1., t) //
+macro stepTimes() [1.] //
+include "export.idp"
+"""
+
+
+def test_a_roller_under_a_plate_with_a_load_is_ok(solved, tmp_path):
+    """The load alone makes the force, 20 MPa on 10 mm, whatever the roller grows by."""
+    (tmp_path / "plate.edp").write_text(PLATE)
+    run = solved(tmp_path / "plate.edp", steps=2)
+    assert run.summary["validity"]["largest_swelling"] == 0.0
+    assert "turning" not in run.summary["validity"]["reason"]
+    assert run.history["contact_y"][-1] == pytest.approx(200.0)
 
 
 ROLLER = """include "scene.idp"

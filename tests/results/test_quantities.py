@@ -280,15 +280,19 @@ def test_contact_may_be_lost_in_a_dip_of_pressure(pressure, bay):
 
 def test_what_an_obstacle_moves_past_open_nodes_says_nothing_of_the_largest_slip():
     """A bed goes 3 farther while one node alone touches it, which itself moves by 0.2: as far as a
-    node that touched as well would have slid. Without an obstacle all of it is the node's own.
+    node that touched as well would have slid. Without an obstacle all of it is the node's own,
+    also where u_t changes by less as contact follows it round a bend.
     """
     x = np.arange(4.0)
     nodes, first = line(x, x >= 0, 1.0 + 0 * x, 0 * x, slip=1.0 + 0 * x, status=np.full(4, SLIP))
+    nodes["driven"] = x >= 0
     steps = {name: np.vstack([column, column]) for name, column in first.items()}
     steps["slip"][1, 1], steps["status"][1, [0, 2, 3]] = 3.0, OPEN
     steps["u_t"] = np.zeros((2, 4))
     steps["u_t"][1, 1] = 0.2
     assert touch.between_nodes(nodes, steps, 1)["slip"] == pytest.approx(0.2)
+    still = nodes | {"driven": x < 0}
+    assert touch.between_nodes(still, steps, 1)["slip"] == pytest.approx(3.0)
     steps["u_t"] = np.cumsum(steps["slip"], axis=0)
     assert touch.between_nodes(nodes, steps, 1)["slip"] == pytest.approx(3.0)
 

@@ -129,14 +129,27 @@ def test_where_there_is_no_process_more_there_are_no_answers(monkeypatch):
     series.close()
 
 
-def test_a_program_that_works_ahead_has_ended_once_a_series_is_closed(tmp_path):
-    """Its folder is removed next."""
+@pytest.mark.parametrize("handler", [signal.SIG_DFL, signal.SIG_IGN])
+def test_a_program_that_works_ahead_has_ended_once_a_series_is_closed(tmp_path, monkeypatch,
+                                                                      handler):
+    """Its folder is removed next. So it is where the process that closes it ignores signals."""
+    monkeypatch.setattr(children, "PATIENCE", 60)  # it is not asked twice
+    before = signal.signal(signal.SIGTERM, handler)
+    try:
+        _close_while_it_works(tmp_path)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _close_while_it_works(tmp_path) -> None:
     code = f"import time; open({str(tmp_path / 'at-work')!r}, 'w').close(); time.sleep(60)"
     series = processes.Series(
         lambda _: children.run_child([sys.executable, "-c", code]).returncode, 1)
     while not (tmp_path / "at-work").exists():
         time.sleep(0.01)
+    clock = time.monotonic()
     series.close()
+    assert time.monotonic() - clock < 30  # half of what it would take by itself
     listed = subprocess.run(["ps", "-eo", "args"], capture_output=True, text=True, check=True)
     assert str(tmp_path / "at-work") not in listed.stdout
 
