@@ -4,6 +4,7 @@ A rotation theta that is taken for small lengthens every distance, by theta^2/2 
 may grow does so without a stress. One that is held between others, as a roller between two plates,
 is squeezed by it: of steel, which bears strains of a thousandth, theta = 0.05 makes as much. Where
 what presses it is free to give way, as a plate that rests on a roller, loads alone make the force.
+What presses it is squeezed as well, and the more the softer it is: a part is of all of that.
 """
 
 from dataclasses import dataclass
@@ -53,12 +54,17 @@ def of_bodies(boundary, state: dict, moved: np.ndarray, body: np.ndarray, turns:
     jump = (state[ContactField.U_N][closed, None] * normal
             + state[ContactField.U_T][closed, None] * turned_left(normal))
     sides = _Sides(own, other, boundary.xy[closed], force, free or {})
-    found = []
+    count = np.maximum(np.bincount(body, minlength=len(turns)), 1)
+    mean = np.column_stack([np.bincount(body, way, len(turns)) / count for way in moved.T])
+    # what bodies are displaced by where they are pressed beyond what they are on the whole
+    of_other = np.where(other[:, None] >= 0, u - jump - mean[other], 0.0)
+    of_own, found = u - mean[own], []
     for k in np.unique(np.concatenate([own, other[other >= 0]])):
         first, second = np.flatnonzero(own == k), np.flatnonzero(other == k)
         xy, pressed, beside = sides.of(k)
         turned = np.abs(np.where(beside >= 0, turns[beside], 0.0)).min()
-        part = share(xy, np.concatenate([u[first], (u - jump)[second]]), pressed, turns[k], turned)
+        part = share(xy, np.concatenate([u[first], (u - jump)[second]]), pressed, turns[k], turned,
+                     np.concatenate([of_other[first], of_own[second]]))
         if part:
             direction = _direction(pressed)
             if sides.give_way(k, direction) or sides.give_way(k, -direction):
@@ -108,9 +114,11 @@ def _direction(force: np.ndarray) -> np.ndarray:
     return np.linalg.eigh(force.T @ force)[1][:, -1]
 
 
-def share(xy: np.ndarray, u: np.ndarray, force: np.ndarray, turn: float, beside: float) -> float:
+def share(xy: np.ndarray, u: np.ndarray, force: np.ndarray, turn: float, beside: float,
+          given: np.ndarray) -> float:
     """Part of the squeeze between forces (n, 2) at places `xy` (n, 2) with displacements u (n, 2)
-    that comes of the rotation `turn` of the body, where what holds it turns by `beside` at least.
+    that comes of the rotation `turn` of the body, where what holds it turns by `beside` at least
+    and is deformed by `given` (n, 2) there.
 
     0 where the forces come from one side.
     """
@@ -120,9 +128,10 @@ def share(xy: np.ndarray, u: np.ndarray, force: np.ndarray, turn: float, beside:
     total = np.array([weight.sum() for weight in weights])
     if total.min() <= OPPOSED * total.max():
         return 0.0
-    (place, other), (way, way_of_other) = (
-        [weight @ values / weight.sum() for weight in weights] for values in (xy, u))
+    (place, other), (way, way_of_other), yielded = (
+        [weight @ values / weight.sum() for weight in weights] for values in (xy, u, given))
     apart = other - place
     squeeze = abs((way_of_other - way - turn * turned_left(apart[None])[0]) @ direction)
+    squeeze += sum(abs(way @ direction) for way in yielded)
     growth = abs(apart @ direction) * max(turn**2 - beside**2, 0.0) / 2
     return float(growth / squeeze) if squeeze > 0 else 0.0

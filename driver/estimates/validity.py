@@ -62,9 +62,9 @@ WORDS = {
                     "{remedy}"),
     "largest_slide": ("a node in contact slides along the other body by {:.2g} of the contact "
                       "length", "contact is linear about the place before the load", "{remedy}"),
-    "largest_swelling": ("{:.2g} of what squeezes the body comes of its turning by {turn:.2g} rad",
-                         "rotations are taken for small",
-                         "less turning, or a code for large rotations"),
+    "largest_swelling": ("{:.2g} of the body's compression comes from turning by {turn:.2g} rad",
+                         "rotations are assumed small",
+                         "let it turn less, or use a code for large rotations"),
     "overlaps": ("{labels} overlap by {:.2g} of the body's size",
                  "contact is not declared there", "declare contact there, or apply smaller loads"),
     "gap": ("the {other} reaches through the body by {:.2g} of its size",

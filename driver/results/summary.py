@@ -202,8 +202,8 @@ class Summary:
                                 "other body, from the one used to the one at displaced "
                                 "positions, divided by the contact length",
         "normal_turn": "angle between the normal used and that at the displaced position, in rad",
-        "largest_swelling": "part of the compression of a body between others that comes of its "
-                            "turning alone",
+        "largest_swelling": "part of the compression of a body and of the bodies that press it "
+                            "that comes from its turning alone",
         "largest_slide": "sliding distance of closed nodes along another body since the start, "
                          "divided by the contact length; 0 where contact follows the motion",
         "overlaps": "[label, label, depth over the body's size] of boundaries without declared "

@@ -12,6 +12,7 @@ from driver.vectors import turned_left
 
 PLACES = np.array([[-0.1, -1.0], [0.1, -1.0], [-0.2, 1.0], [0.2, 1.0]])
 PRESSED = np.array([[0.0, 1.0], [0.0, 1.0], [0.0, -0.5], [0.0, -1.5]])
+RIGID = np.zeros((4, 2))  # what presses there is deformed by
 
 
 def moved(turn: float, squeeze: float) -> np.ndarray:
@@ -23,7 +24,8 @@ def moved(turn: float, squeeze: float) -> np.ndarray:
 @pytest.mark.parametrize("turn, squeeze", [(0.05, 0.02), (-0.02, 0.01), (0.0, 0.01)])
 def test_growth_over_squeeze(axes, turn, squeeze):
     """A distance of 2 grows by turn^2, whatever the axes; the rest of the squeeze is the body's."""
-    found = swelling.share(PLACES @ axes, moved(turn, squeeze) @ axes, PRESSED @ axes, turn, 0.0)
+    found = swelling.share(PLACES @ axes, moved(turn, squeeze) @ axes, PRESSED @ axes, turn, 0.0,
+                           RIGID)
     assert found == pytest.approx(turn**2 / squeeze, rel=1e-9)
 
 
@@ -32,12 +34,21 @@ def test_what_turns_along_grows_as_much():
     side alone, as a floor that a turning block stands on.
     """
     u = moved(0.05, 0.02)
-    assert swelling.share(PLACES, u, PRESSED, 0.05, 0.05) == 0.0
-    assert swelling.share(PLACES, u, PRESSED, 0.05, 0.03) == pytest.approx(
+    assert swelling.share(PLACES, u, PRESSED, 0.05, 0.05, RIGID) == 0.0
+    assert swelling.share(PLACES, u, PRESSED, 0.05, 0.03, RIGID) == pytest.approx(
         (0.05**2 - 0.03**2) / 0.02)
-    assert swelling.share(PLACES[:2], u[:2], PRESSED[:2], 0.05, 0.0) == 0.0
-    assert swelling.share(PLACES, u, PRESSED * [[1], [1], [0.01], [0.01]], 0.05, 0.0) == 0.0
-    assert swelling.share(PLACES, np.zeros((4, 2)), PRESSED, 0.0, 0.0) == 0.0  # rigid
+    assert swelling.share(PLACES[:2], u[:2], PRESSED[:2], 0.05, 0.0, RIGID[:2]) == 0.0
+    faint = PRESSED * [[1], [1], [0.01], [0.01]]
+    assert swelling.share(PLACES, u, faint, 0.05, 0.0, RIGID) == 0.0
+    assert swelling.share(PLACES, np.zeros((4, 2)), PRESSED, 0.0, 0.0, RIGID) == 0.0
+
+
+def test_what_presses_is_squeezed_too():
+    """Rubber above is squeezed by four times as much as the body: a fifth is left of the part."""
+    soft = RIGID.copy()
+    soft[2:, 1] = 0.08
+    found = swelling.share(PLACES, moved(0.05, 0.02), PRESSED, 0.05, 0.0, soft)
+    assert found == pytest.approx(0.05**2 / (0.02 + 0.08))
 
 
 def test_the_second_body_of_a_pair_is_held_by_it_too():
@@ -61,7 +72,9 @@ def test_the_second_body_of_a_pair_is_held_by_it_too():
     body, turns = np.array([0, 0, 0, 0, 1, 1]), np.array([turn, 0.01])
     found = swelling.of_bodies(b, state, field, body, turns, {7: [0]})
     (lower, more, _), (upper, _, _) = found
-    assert lower == pytest.approx(turn**2 / squeeze) and more == {"turn": turn} and upper == 0.0
+    # by forces of 0.5 and 1.5 the upper body is deformed by -0.05 and 0.05 beside its mean
+    assert lower == pytest.approx(turn**2 / (squeeze + 0.025)) and more == {"turn": turn}
+    assert upper == 0.0
     state[ContactField.STATUS][2:] = OPEN
     assert [part for part, *_ in swelling.of_bodies(b, state, field, body, turns, {7: [0]})] == [0]
 
