@@ -93,7 +93,7 @@ def test_they_tell_the_error_where_nothing_bounds_it(ran, name):
     coarse, fine = (ran(name, h=h, errors="energy", fields="yes", rtol=1e-9, primal_rtol=1e-8)
                     for h in (0.25, 1 / 32))
     found = coarse.summary["errors"]["energy"]
-    assert found["kind"] == "recovery" and "no bound: " in found["why"]
+    assert found["kind"] == "recovery" and "not a bound: " in found["why"]
     assert 0.65 < found["total"] / true_error(coarse, fine) < 1.05
 
 
