@@ -13,7 +13,7 @@ higher order, and mortar coupling takes the mean of a pair's.
 import numpy as np
 
 from ..contact.states import OPEN
-from ..results.contact_edges import chains
+from ..results.kinks import bends
 
 
 def missed_gaps(nodes: dict, gap: np.ndarray, status: np.ndarray) -> np.ndarray:
@@ -22,12 +22,7 @@ def missed_gaps(nodes: dict, gap: np.ndarray, status: np.ndarray) -> np.ndarray:
     `nodes` as of results/quantities.py, with the `gap` (n,) and the `status` of a step.
     """
     missed = np.zeros(len(gap))
-    for piece in chains(nodes):
-        side = np.diff(nodes["arc"][piece])
-        if len(piece) < 3 or not (side > 0).all():
-            continue
-        slope = np.diff(gap[piece]) / side
-        bend = 2 * np.diff(slope) / (side[1:] + side[:-1])  # g'' at the nodes inside
+    for piece, side, bend in bends(nodes, gap):
         bend = np.concatenate([bend[:1], bend, bend[-1:]])
         integral = -side**3 * (bend[1:] + bend[:-1]) / 24
         closed = status[piece] != OPEN

@@ -14,6 +14,17 @@ SHARP = 4.0  # bend of the gap at a node over those beside
 PRESSES = 0.01  # of the largest u_n: what it bends by within a side
 
 
+def bends(nodes: dict, gap: np.ndarray):
+    """Of every chain of three nodes and more: places of its nodes (k,), lengths of its sides
+    (k - 1,) and second derivatives of the `gap` (n,) at the nodes inside (k - 2,).
+    """
+    for piece in chains(nodes):
+        side = np.diff(nodes["arc"][piece])
+        if len(piece) >= 3 and (side > 0).all():
+            width = (side[1:] + side[:-1]) / 2
+            yield piece, side, np.diff(np.diff(gap[piece]) / side) / width
+
+
 def kinks(nodes: dict, steps: dict, index: int) -> np.ndarray:
     """(n,) whether a node that touches in step `index` is at a kink; of rigid obstacles alone.
 
@@ -23,12 +34,8 @@ def kinks(nodes: dict, steps: dict, index: int) -> np.ndarray:
     found = np.zeros(len(gap), bool)
     least = PRESSES * np.abs(steps["u_n"][index]).max(initial=0.0)
     beyond = 4 if nodes["middle"].any() else 2
-    for piece in chains(nodes):
-        side = np.diff(nodes["arc"][piece])
-        if len(piece) < 3 or not (side > 0).all():
-            continue
+    for piece, side, bend in bends(nodes, gap):
         width = (side[1:] + side[:-1]) / 2
-        bend = np.diff(np.diff(gap[piece]) / side) / width  # g'' at the nodes inside
         size = np.pad(np.abs(bend), beyond)
         beside = np.maximum(size[: -2 * beyond], size[2 * beyond:])
         found[piece[1:-1]] = (bend * width**2 > least) & (bend > SHARP * beside)

@@ -8,7 +8,7 @@ beyond the boundary continues them without a corner; meshes then see no growth.
 
 import numpy as np
 
-from ..feti.gathering import gather, joined
+from ..feti.gathering import gather, joined, largest
 
 JUMP = 1.5  # of the stiffness from triangle to triangle: less grows by no more than meshes hide
 
@@ -18,6 +18,14 @@ def material_corners(structure, comm) -> np.ndarray:
     meets, differ in stiffness by JUMP or more. Collective.
     """
     boundary = structure.contact.declared
+    found = np.zeros(len(boundary.gid), bool)
+    laws = {id(sub.elasticity): sub.elasticity for sub in structure.subdomains}
+    traces = [np.einsum("tii->t", law) for law in laws.values()]
+    softest, stiffest = [-1, 1] * largest(comm, np.array([
+        max((-k.min() for k in traces), default=-np.inf),
+        max((k.max() for k in traces), default=-np.inf)]))
+    if stiffest < JUMP * softest:  # one material, as in most scenes
+        return found
     gids = np.unique(boundary.term_gid)
     own = [_stiffness(sub, gids) for sub in structure.subdomains]
     place = gather(comm, joined((place for place, _ in own), np.int64))
@@ -26,7 +34,6 @@ def material_corners(structure, comm) -> np.ndarray:
     np.minimum.at(low, place, stiffness)
     np.maximum.at(high, place, stiffness)
     jumps = (high >= JUMP * low)[np.searchsorted(gids, boundary.term_gid)]
-    found = np.zeros(len(boundary.gid), bool)
     found[boundary.term_node[jumps & (boundary.term_value != 0)]] = True
     return found
 

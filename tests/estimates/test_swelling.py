@@ -114,15 +114,17 @@ def test_what_is_free_to_give_way_squeezes_by_its_loads(held, free, squeezed):
     assert stacked(held, free)[0] == pytest.approx(0.05**2 / 0.02 if squeezed else 0.0)
 
 
+# of radius R, its sides below and above in finer edges
+DISC = """border low(t=-3*pi/4, -pi/4) { x = R*cos(t); y = R*sin(t); label = 1; }
+border right(t=-pi/4, pi/4) { x = R*cos(t); y = R*sin(t); label = 2; }
+border high(t=pi/4, 3*pi/4) { x = R*cos(t); y = R*sin(t); label = 3; }
+border left(t=3*pi/4, 5*pi/4) { x = R*cos(t); y = R*sin(t); label = 4; }
+"""
 PLATE = """include "scene.idp"
 real R = 5., turn = physical("turn", 0.06);
 units("mm", "MPa");
 int n = 12;
-border low(t=-3*pi/4, -pi/4) { x = R*cos(t); y = R*sin(t); label = 1; }
-border right(t=-pi/4, pi/4) { x = R*cos(t); y = R*sin(t); label = 2; }
-border high(t=pi/4, 3*pi/4) { x = R*cos(t); y = R*sin(t); label = 3; }
-border left(t=3*pi/4, 5*pi/4) { x = R*cos(t); y = R*sin(t); label = 4; }
-addBody(buildmesh(low(2*n) + right(n/3) + high(2*n) + left(n/3)));
+""" + DISC + """addBody(buildmesh(low(2*n) + right(n/3) + high(2*n) + left(n/3)));
 int[int] sides = [11, 12, 13, 14];
 addBody(square(24, 4, [-5 + 10*x, R + 3*y], label = sides));
 quasistatic(2.);
@@ -154,11 +156,7 @@ ROLLER = """include "scene.idp"
 real R = 5., turn = physical("turn", 0.04);
 units("mm", "MPa");
 int n = 24;
-border low(t=-3*pi/4, -pi/4) { x = R*cos(t); y = R*sin(t); label = 1; }
-border right(t=-pi/4, pi/4) { x = R*cos(t); y = R*sin(t); label = 2; }
-border high(t=pi/4, 3*pi/4) { x = R*cos(t); y = R*sin(t); label = 3; }
-border left(t=3*pi/4, 5*pi/4) { x = R*cos(t); y = R*sin(t); label = 4; }
-body = buildmesh(low(2*n) + right(n/3) + high(2*n) + left(n/3));
+""" + DISC + """body = buildmesh(low(2*n) + right(n/3) + high(2*n) + left(n/3));
 quasistatic(2.);
 macro young() 210e3 //
 macro poisson() 0.3 //
