@@ -6,9 +6,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from driver import environment
-from driver.estimates import element_stress, recovery
-from driver.estimates.bound import EquilibratedBound
-from driver.estimates.energy import EnergyEstimator
+from driver.energy_norm import element_stress, recovery
+from driver.energy_norm.bound import EquilibratedBound
+from driver.energy_norm.energy import EnergyEstimator
 
 SCENES = environment.ROOT / "edp"
 

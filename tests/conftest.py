@@ -54,7 +54,7 @@ from driver.scene.loader import read_subdomains
 from driver.scene.manifest import read_manifest
 
 MODEL = environment.ROOT / "edp" / "model.edp"
-pytest_plugins = ["estimated"]  # fixtures of tests/estimates
+pytest_plugins = ["estimated"]  # fixtures of estimates
 
 
 # ------------------------------------------------------------------------------ order

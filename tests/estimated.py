@@ -7,10 +7,10 @@ from mpi4py import MPI
 
 from bounds import SCENES, Recording, with_gap
 from driver import environment
+from driver.energy_norm.torn_body import Gather, gather_body
 from driver.estimates import adjoint
 from driver.estimates.companions import Companions, assess
 from driver.estimates.levels import Levels
-from driver.estimates.torn_body import Gather, gather_body
 from driver.march.problem import assemble
 from driver.options import Settings
 from driver.results.contact_state import ContactState

@@ -23,7 +23,8 @@ import coverage
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-PACKAGES = ("qp", "feti", "contact", "effects", "march", "results", "estimates")
+PACKAGES = ("qp", "feti", "contact", "effects", "march", "results", "energy_norm",
+            "validity", "estimates")
 LIBRARY = sorted((ROOT / "edp" / "lib").rglob("*.idp"))
 TABLE = Path(os.environ["EXECUTED"]).resolve()
 CHILDREN = TABLE.with_suffix(".children")  # what other processes have executed

@@ -42,7 +42,8 @@ PARTS = (("tests/qp", "tests/contact", "tests/effects", "tests/scene/test_loader
           "tests/scene/test_library.py", "tests/scene/test_contact_columns.py",
           "tests/scene/test_messages.py",
           "tests/verify/test_independent.py"),
-         ("tests/feti", "tests/march", "tests/results", "tests/estimates", "tests/python"),
+         ("tests/feti", "tests/march", "tests/results", "tests/energy_norm", "tests/validity",
+          "tests/estimates", "tests/python"),
          ("tests/scenes",))
 CHEAP = 6.0  # CPU seconds of the tests that are tried first
 OWN = 0.2  # what a second of tests of a package or module counts in their order

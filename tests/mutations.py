@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-PACKAGES = ("qp", "feti", "contact", "effects", "march", "results", "estimates", "lib")
+PACKAGES = ("qp", "feti", "contact", "effects", "march", "results", "energy_norm", "validity",
+            "estimates", "lib")
 # operators of cosmic-ray: those whose mutants are no mere TypeErrors
 BINARY = {"Add": ("Sub",), "Sub": ("Add",), "Mul": ("Div",), "Div": ("Mul",), "Pow": ("Mul",),
           "FloorDiv": ("Mul",), "Mod": ("Mul",), "BitAnd": ("BitOr",), "BitOr": ("BitAnd",)}

@@ -1,1 +1,1 @@
-"""Error estimates: bound in the energy norm, budget of the quantities, indicator of refinement."""
+"""Errors of the quantities of interest by companions and adjoint problems, and their prices."""

@@ -57,14 +57,14 @@ import numpy as np
 
 from ..contact.states import OPEN, SLIP, STICK
 from ..effects import Effects
+from ..energy_norm import recovery
+from ..energy_norm.torn_body import Gather
 from ..errors import NotConverged
 from ..quantity_table import HELD
-from . import recovery
 from .budget import Part
 from .frozen_system import FrozenSystem
 from .given import of_resultant
 from .nodal_gaps import missed_gaps
-from .torn_body import Gather
 
 NET = 1.5
 SEES = 2 / 3  # part of an error in energy that smoothed stresses see, unless its bound says less

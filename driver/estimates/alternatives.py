@@ -11,15 +11,16 @@ import dataclasses
 
 import numpy as np
 
+from ..energy_norm import adaptivity
+from ..energy_norm.energy import EnergyEstimator
 from ..errors import DriverError, agreed_writes
 from ..results.contact_state import ContactState
 from ..scene import element_kinds
 from ..timing import memory_used
-from . import adaptivity, prices, refinement
+from . import prices, refinement
 from .budget import (Part, coarser, coarser_sizes, extrapolate, formal_order, mesh_knob, ratio,
                      vanishing)
 from .caution import by_balance
-from .energy import EnergyEstimator
 from .free_peak import UNSEEN, Peaks
 from .jumps import Jumps
 from .prices import Adaptive, Costs, Measured, Quantity, Uniform, Whole

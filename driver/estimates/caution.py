@@ -3,9 +3,9 @@
 Smooth sequences (budget.py) are what meshes give that resolve a solution. They are trusted less
 
 - where linear elements are stiffer than the material and meshes tell no order: where it hardly
-  changes its volume the loss grows like the root of lambda / mu (soundness.py), and coarse meshes
-  approach something else; an order that is observed has the loss in it, however slow, but for
-  integrals one that is too slow to be theirs;
+  changes its volume the loss grows like the root of lambda / mu (validity/soundness.py), and coarse
+  meshes approach something else; an order that is observed has the loss in it, however slow, but
+  for integrals one that is too slow to be theirs;
 - where the error in the energy norm is large: so many of the coarser meshes are far from the limit,
   and the largest displacement may err by its square;
 - where no adjoint problem holds resultants, displacements and slip: the second order of two meshes
@@ -43,8 +43,8 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
 - where resultants and displacements change more and more from mesh to mesh, to and fro or one way,
   as where contact opens elsewhere on each: not less than a mean of what the adjoint problem says
   and of the last change;
-- for loads that jump inside edges, which quadrature sees in part (soundness.py): by as much more as
-  those of the run's mesh, or of the next one, may err;
+- for loads that jump inside edges, which quadrature sees in part (validity/soundness.py): by as
+  much more as those of the run's mesh, or of the next one, may err;
 - for displacements where a node or two of a round boundary carry all: their force acts where a
   node is, on all meshes that have it, and not where the boundaries would meet.
 

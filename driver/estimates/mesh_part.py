@@ -6,7 +6,8 @@ Runs and searches claim by the same rules; they differ in the coarser meshes tha
 
 from functools import partial
 
-from . import soundness, unresolved
+from ..validity import soundness
+from . import unresolved
 from .budget import Part
 from .caution import Caution
 from .given import by_loads

@@ -1,6 +1,7 @@
 """The cycles of refinement of a run: settings and files, what they took and what they reached.
 
-A run asks for them before FreeFEM starts: what computes, adaptivity.py, is imported while it works.
+A run asks for them before FreeFEM starts: what computes, energy_norm/adaptivity.py, is imported
+while it works.
 """
 
 import dataclasses

@@ -1,12 +1,12 @@
 """The mesh's part of the error of a run from others on coarser meshes, as a search makes them."""
 
+from ..energy_norm.energy import of_level
+from ..energy_norm.torn_body import Gather, gather_body
 from . import adjoint, unresolved
 from .budget import Part
-from .energy import of_level
 from .free_peak import Peaks
 from .levels import Level
 from .mesh_part import MeshPart
-from .torn_body import Gather, gather_body
 
 
 def mesh_parts(problems: list, levels: list[Level], ratios: list[float], name: str,

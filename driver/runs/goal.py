@@ -1,9 +1,9 @@
 """ACCURACY=1%[,quantity]: choose mesh, steps and tolerances for the error that is asked for.
 
 The search starts from a mesh eight times coarser than the scene's own and refines. Runs of
-successive meshes are each other's companions (budget.py): nothing is run for the estimate alone but
-cheap things on the second mesh, which tell how many time steps and what tolerances the request
-takes (trials.py).
+successive meshes are each other's companions (estimates/budget.py): nothing is run for the
+estimate alone but cheap things on the second mesh, which tell how many time steps and what
+tolerances the request takes (trials.py).
 
 Then meshes follow, each sized by the observed order so that its estimate uses up ROOM of what is
 left, until all parts together are within the request. At least three meshes are compared, as two
@@ -18,7 +18,6 @@ import contextlib
 from itertools import product
 
 from ..errors import DriverError, InputError, NoSolution, NotConverged
-from ..estimates import starts_inside
 from ..estimates.adjoint import unsuited
 from ..estimates.budget import (DOUBTFUL, FORMAL, SINGULAR, Part, extrapolate, finer,
                                 main_quantity, mesh_knob, name_of, observed_order, of_one_step,
@@ -29,6 +28,7 @@ from ..estimates.free_peak import ROUNDING, UNSEEN
 from ..estimates.successive import mesh_parts
 from ..estimates.unresolved import at_corners
 from ..quantity_table import HELD
+from ..validity import starts_inside
 from .tolerances import TOLERANCES
 from .trials import SAMPLING, Trials
 

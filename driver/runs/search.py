@@ -92,7 +92,7 @@ def _prices(search: goal.Search, problem, output: float, idle: float) -> dict:
 def _write(directory: Path, request: Request, search: goal.Search, status: int, reason: str,
            clock: float, idle: float) -> None:
     """Results of the finest run, as an ordinary run leaves them."""
-    from ..estimates import validity
+    from ..validity import assumptions
     from ..results import summary
     from ..results.writer import Writer
     from .solve import doubts
@@ -105,7 +105,7 @@ def _write(directory: Path, request: Request, search: goal.Search, status: int, 
     states, energies = zip(*(writer.add(step) for step in level.steps))
     most = max(range(len(states)), key=energies.__getitem__)
     checked = {len(states) - 1, most, level.at}
-    valid = validity.assess(problem, writer.contact,
+    valid = assumptions.assess(problem, writer.contact,
                             [(level.steps[k], states[k]) for k in sorted(checked)])
     writer.close()
     level.solver.history.warnings += doubts(request, problem, level.solver,

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from ..energy_norm import adaptivity
+from ..energy_norm.energy import EnergyEstimator, excluded, of_time, report
 from ..errors import Defect, DriverError, InputError, agreed_writes, defect, shortage, words_of
-from ..estimates import (adaptivity, between_steps, refinement, soundness, starts_inside,
-                         validity)
-from ..estimates.energy import EnergyEstimator, excluded, of_time, report
+from ..estimates import between_steps, refinement
 from ..feti.gathering import largest
 from ..march.ahead import Ahead
 from ..march.problem import Problem, assemble
@@ -24,6 +24,7 @@ from ..results.relinearization import linearized
 from ..results.writer import Writer
 from ..scene.compared import asked_elsewhere
 from ..timing import Laps
+from ..validity import assumptions, soundness, starts_inside
 from . import launch
 from .drawing import drawn_aside
 from .request import Request
@@ -251,7 +252,7 @@ def _validity(directory: Path, problem: Problem, writer: Writer,
               estimator: EnergyEstimator) -> tuple[dict | None, str]:
     """Entry `validity` of the summary and a warning if it could not be made; collective."""
     try:
-        return validity.assess(problem, writer.contact, estimator.considered), ""
+        return assumptions.assess(problem, writer.contact, estimator.considered), ""
     except Exception as trouble:  # whatever it is, the results stand
         if problem.operator.comm.size > 1:
             raise

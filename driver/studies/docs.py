@@ -26,9 +26,9 @@ from .accuracy.coverage import totals
 
 ROOT = environment.ROOT
 # of the driver in the order of the data
-PACKAGES = ("scene", "feti", "contact", "qp", "effects", "march", "results", "estimates", "figures",
-            "report", "runs", "studies", "hard", "bench", "python",
-            "verify")
+PACKAGES = ("scene", "feti", "contact", "qp", "effects", "march", "results", "energy_norm",
+            "validity", "estimates", "figures", "report", "runs", "studies", "hard", "bench",
+            "python", "verify")
 DOCUMENTS = tuple(ROOT / name for name in (
     "README.md", "edp/README.md", "driver/README.md", "results/README.md", "meshes/README.md"))
 REFERENCE = ROOT / "results" / "reference"

@@ -7,16 +7,16 @@ from mpi4py import MPI
 from driver.contact import curve, mortar
 from driver.contact.side import Side
 from driver.errors import InputError
-from driver.estimates import starts_inside
-from driver.files import read_rows, read_table
 from driver.feti.operator import DualOperator
 from driver.feti.torn_factor import TornFactor
+from driver.files import read_rows, read_table
 from driver.march.problem import assemble
 from driver.march.saving import restore, snapshot
 from driver.options import Settings
 from driver.scene.freefem import find_scene
 from driver.scene.manifest import read_manifest
 from driver.studies.study import make_study
+from driver.validity import starts_inside
 from drawn_block import DRAWN
 
 TIGHT = {"rtol": 1e-13, "friction_rtol": 1e-11, "primal_rtol": 1e-9}

@@ -8,11 +8,11 @@ from mpi4py import MPI
 
 from driver.contact import mortar
 from driver.contact.side import Side, sagitta
-from driver.estimates.energy import EnergyEstimator
-from driver.options import Settings
+from driver.energy_norm.energy import EnergyEstimator
 from driver.march.problem import Problem
-from driver.results.relinearization import linearized
+from driver.options import Settings
 from driver.results.contact_state import ContactState
+from driver.results.relinearization import linearized
 
 @pytest.mark.slow  # two runs
 def test_a_translation_of_one_body_leaves_the_result(solved):

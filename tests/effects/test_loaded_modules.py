@@ -8,18 +8,18 @@ from driver.scene.manifest import read_manifest
 
 # what serves something that an elastic cantilever without contact does not declare
 SERVES = {
-    "pairs of bodies": {"driver.contact.mortar", "driver.estimates.pair_bound"},
+    "pairs of bodies": {"driver.contact.mortar", "driver.energy_norm.pair_bound"},
     "friction": {"driver.qp.complementarity", "driver.march.uniqueness",
                  "driver.march.globalization", "driver.march.condensation"},
-    "error estimates": {"driver.estimates.companions", "driver.estimates.energy",
-                        "driver.estimates.equilibration"},
+    "error estimates": {"driver.estimates.companions", "driver.energy_norm.energy",
+                        "driver.energy_norm.equilibration"},
     "accuracy asked for": {"driver.runs.goal", "driver.runs.search"},
 }
 # What is imported all the same; to become empty.
 KNOWN = {
     "pairs of bodies": set(),
     "friction": SERVES["friction"],
-    "error estimates": {"driver.estimates.energy", "driver.estimates.equilibration"},
+    "error estimates": {"driver.energy_norm.energy", "driver.energy_norm.equilibration"},
     "accuracy asked for": set(),
     "rooms": {"quasistatic"},
 }

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from driver.effects import Effects
+from driver.energy_norm.torn_body import Gather, gather_body
 from driver.estimates import adjoint
 from driver.estimates.adjoint import Adjoint, Sizes, held
 from driver.estimates.budget import Part
 from driver.estimates.frozen_system import FrozenSystem
-from driver.estimates.torn_body import Gather, gather_body
 from driver.march.problem import Problem
 from driver.march.quasistatic import QuasistaticSolver
 from driver.options import Settings

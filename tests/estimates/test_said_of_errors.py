@@ -5,14 +5,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from driver.energy_norm import energy
+from driver.energy_norm.bound import Estimate, _root, coupling
 from driver.errors import InputError, NotConverged
-from driver.estimates import alternatives, budget, budget_words, energy, soundness
+from driver.estimates import alternatives, budget, budget_words
 from driver.estimates.between_steps import Strides
-from driver.estimates.bound import Estimate, _root, coupling
 from driver.estimates.budget import Part, mesh_knob
 from driver.estimates.companions import UNLOOKED, Companions
 from driver.estimates.levels import Levels
 from driver.options import Settings
+from driver.validity import soundness
 
 UNITS = {"length": "mm", "stress": "MPa"}
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from driver.energy_norm.adaptivity import write_sizes
 from driver.errors import InputError
-from driver.estimates.adaptivity import write_sizes
 from driver.scene import freefem
 from driver.scene.elements import areas
 from driver.scene.loader import read_subdomains

@@ -15,11 +15,11 @@ from test_scenes_exact import E, TIGHT, exact, exact_strain
 from test_scenes_hertz import R, hertz_errors
 from test_scenes_zones import l2, pressure, shear, slide, strain
 
+from driver.energy_norm import recovery
+from driver.figures.reading import read_mesh
 from driver.scene import element_kinds, elements
 from driver.studies import study
 from driver.studies.accuracy import locking
-from driver.estimates import recovery
-from driver.figures.reading import read_mesh
 
 def areas(sub):
     corner = sub.xy[sub.triangles]

@@ -21,9 +21,9 @@ contact pressures err by as much as osc p says, 25 to 50%; P2-mixed has 0.9 to 1
 
 import numpy as np
 
+from ..energy_norm.recovery import vertex_sums
 from ..scene import elements, kinematics
 from ..text import percent
-from .recovery import vertex_sums
 
 NEARLY_INCOMPRESSIBLE = 10.0  # lambda / mu: Poisson's ratio 0.4545; the loss grows like its root
 DOMINANCE = 4.0

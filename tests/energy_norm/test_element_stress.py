@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from driver.estimates import element_stress
-from driver.estimates.element_stress import CORNER
+from driver.energy_norm import element_stress
+from driver.energy_norm.element_stress import CORNER
 
 QUARTER = np.array([[0, 1], [-1, 0]])
 MOMENTS = np.array([[2, 1], [1, 2]]) / 6  # of a density linear between its ends

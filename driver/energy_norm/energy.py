@@ -200,7 +200,7 @@ def _entry(e: Estimate) -> dict:
 def of_level(problem, level, kind: str) -> dict:
     """Entry for summary.json of the step to which a finished run's quantities belong; collective.
 
-    `level`: of levels.py; `kind` as of EnergyEstimator.
+    `level`: of estimates/levels.py; `kind` as of EnergyEstimator.
     """
     step = level.steps[level.at]
     estimator = EnergyEstimator(problem.operator, problem.manifest, level.record.contact, kind)

@@ -8,7 +8,7 @@ import pytest
 from mpi4py import MPI
 
 from driver import environment
-from driver.estimates import soundness
+from driver.validity import soundness
 
 QUICK = {"SUBDOMAINS": "2x1", "CELLS": 4, "STEPS": 1, "ERRORS": "no"}
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from driver.estimates.contact_tractions import slid
-from driver.estimates.recovery import averaged_stress, vertex_sums
+from driver.energy_norm.contact_tractions import slid
+from driver.energy_norm.recovery import averaged_stress, vertex_sums
 
 
 def test_means_weigh_by_area():

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from driver.contact.states import OPEN, SLIP, ContactField
-from driver.estimates import swelling
 from driver.feti.rigid_modes import RigidMode
+from driver.validity import swelling
 from driver.vectors import turned_left
 
 PLACES = np.array([[-0.1, -1.0], [0.1, -1.0], [-0.2, 1.0], [0.2, 1.0]])

@@ -9,9 +9,10 @@ import pytest
 from mpi4py import MPI
 
 from bounds import expected_total, true_error
-from driver.estimates import budget_words, energy
-from driver.estimates.bound import COULOMB, EARLIER, coupling
-from driver.estimates.energy import EnergyEstimator, of_time
+from driver.energy_norm import energy
+from driver.energy_norm.bound import COULOMB, EARLIER, coupling
+from driver.energy_norm.energy import EnergyEstimator, of_time
+from driver.estimates import budget_words
 
 
 @pytest.mark.parametrize("element, kind, why, taken", [

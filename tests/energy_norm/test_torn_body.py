@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from driver.estimates import torn_body
-from driver.estimates.edge_mesh import Mesh, full_tensor, side_moments
-from driver.estimates.torn_body import Gather, TornBody
+from driver.energy_norm import torn_body
+from driver.energy_norm.edge_mesh import Mesh, full_tensor, side_moments
+from driver.energy_norm.torn_body import Gather, TornBody
 
 # a fan of four triangles about vertex 2, torn between the second and the third
 PLACE = np.array([[0.0, 0.0], [2.0, 0.2], [1.1, 0.9], [2.2, 2.0], [-0.1, 1.8]])

@@ -1,17 +1,17 @@
 """Contact that follows the motion and starts inside the obstacle as a whole: not solved at all.
 
-Where contact is linear such a start is a load, if a questionable one (`gap` in validity.py). Where
-it follows the motion a body is pushed out to the next place of the obstacle's surface, wherever
-that is. Of a boundary all of whose nodes are inside, one of them by half of the body, the sign of
-the distance is wrong. Press fits are less deep, and of a body that an obstacle is pressed into some
-nodes are outside.
+Where contact is linear such a start is a load, if a questionable one (`gap` in assumptions.py).
+Where it follows the motion a body is pushed out to the next place of the obstacle's surface,
+wherever that is. Of a boundary all of whose nodes are inside, one of them by half of the body, the
+sign of the distance is wrong. Press fits are less deep, and of a body that an obstacle is pressed
+into some nodes are outside.
 """
 
 import numpy as np
 
 from ..errors import InputError
 from ..feti.gathering import largest
-from .validity import QUESTIONABLE
+from .assumptions import QUESTIONABLE
 
 
 def check(problem, first: float | None = None) -> None:

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from driver.estimates import small_strains
-from driver.estimates.small_strains import MEASURES, SmallStrains
+from driver.validity import small_strains
+from driver.validity.small_strains import MEASURES, SmallStrains
 
 TRIANGLES = np.array([[0, 1, 2], [1, 3, 2]])
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])

@@ -9,7 +9,8 @@ import types
 import numpy as np
 import pytest
 
-from driver.estimates import adaptivity, refinement
+from driver.energy_norm import adaptivity
+from driver.estimates import refinement
 from driver.files import read_rows
 from driver.scene import freefem
 from driver.scene.loader import read_subdomains

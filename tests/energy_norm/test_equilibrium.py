@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from driver.estimates import equilibration
-from driver.estimates.bound import EquilibratedBound
-from driver.estimates.edge_mesh import full_tensor
+from driver.energy_norm import equilibration
+from driver.energy_norm.bound import EquilibratedBound
+from driver.energy_norm.edge_mesh import full_tensor
 from driver.march import shortcut
 from driver.scene.elements import hat_gradients
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from driver.estimates.contact_tractions import ContactTractions, continued
+from driver.energy_norm.contact_tractions import ContactTractions, continued
 
 X = np.array([0.0, 1.0, 3.0, 4.0])  # the last node is clamped
 N = 3

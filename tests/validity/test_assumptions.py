@@ -7,8 +7,8 @@ import pytest
 from mpi4py import MPI
 
 from driver.contact.states import OPEN, STICK, ContactField
-from driver.estimates import true_distance, validity
-from driver.estimates.validity import INVALID, QUESTIONABLE
+from driver.validity import assumptions, true_distance
+from driver.validity.assumptions import INVALID, QUESTIONABLE
 from drawn_block import DRAWN
 
 HEAD = '''include "scene.idp"
@@ -226,11 +226,11 @@ def checks(unit=1.0):
         normal=np.concatenate([-ray, -ray]), paired=np.zeros(2 * n, bool), following=None,
         about=None, length=np.repeat(0.05 * R, n))
     b.at = lambda time: b
-    found = object.__new__(validity.Validity)
+    found = object.__new__(assumptions.Validity)
     found.boundary, found.comm = b, MPI.COMM_SELF
     found.problem = SimpleNamespace(manifest=SimpleNamespace(contact_pairs=[]))
-    found.worst = {name: validity.Worst() for name in QUESTIONABLE}
-    found.overlaps, found.parts = {}, {name: np.zeros(2) for name in validity.MEASURES}
+    found.worst = {name: assumptions.Worst() for name in QUESTIONABLE}
+    found.overlaps, found.parts = {}, {name: np.zeros(2) for name in assumptions.MEASURES}
     return found
 
 
@@ -265,7 +265,7 @@ def test_the_verdict_is_that_of_the_worst_measure(share, verdict_):
         found.note(name, part * QUESTIONABLE[name], (1.0, 2.0), 3, paired=True)
         found.note(name, 0.5 * part * QUESTIONABLE[name], (5.0, 6.0), 4, paired=True)
     entry = found.summary()
-    assert entry["verdict"] == validity.VERDICTS[verdict_]
+    assert entry["verdict"] == assumptions.VERDICTS[verdict_]
     assert entry["largest_normal_error"] == share * QUESTIONABLE["largest_normal_error"]
     words = ("(1, 2) in step 3", "LINEARIZATION=updated")
     assert all((word in entry["reason"]) == bool(verdict_) for word in words)

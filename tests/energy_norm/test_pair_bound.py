@@ -7,9 +7,9 @@ import pytest
 
 from bounds import SCENES, Recorded, slip_away, stir, true_error
 from driver.contact.side import Side
-from driver.estimates import recovery
-from driver.estimates.edge_remainder import Fan, remainder_constant
-from driver.estimates.torn_body import Gather, gather_body
+from driver.energy_norm import recovery
+from driver.energy_norm.edge_remainder import Fan, remainder_constant
+from driver.energy_norm.torn_body import Gather, gather_body
 from driver.results.contact_state import ContactState
 from driver.scene.elements import hat_gradients
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from driver.estimates import adaptivity, recovery
-from driver.estimates.deviations import Deviations
-from driver.estimates.edge_mesh import Mesh, side_moments
-from driver.estimates.equilibration import chains
+from driver.energy_norm import adaptivity, recovery
+from driver.energy_norm.deviations import Deviations
+from driver.energy_norm.edge_mesh import Mesh, side_moments
+from driver.energy_norm.equilibration import chains
 from driver.scene import elements
 
 LAW = np.array([[3.0, 1.0, 0.2], [1.0, 2.5, 0.1], [0.2, 0.1, 1.0]])
