@@ -45,6 +45,10 @@ class Fallbacks:
         if step not in known:
             known.append(step)
 
+    def of(self, step: int) -> bool:
+        """Whether a `step` needed one."""
+        return any(step in steps for steps in self.steps.values())
+
     def warnings(self) -> list[str]:
         """One line for every method that was used."""
         return [f"{method} found the solution where successive approximations of the friction "

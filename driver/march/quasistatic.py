@@ -367,7 +367,7 @@ class QuasistaticSolver:
         search, choice, nodes = self.uniqueness, self.settings.uniqueness, self.condensation.nodes
         # a run is examined or it is not: all nodes count, also those that face nothing in this step
         count = np.count_nonzero(self.operator.structure.contact.normal_row >= 0)
-        self.doubtful = self.doubtful or trace.fallback
+        self.doubtful = self.doubtful or trace.fallback or self.history.fallbacks.of(index)
         if search.ended or not worthwhile(choice, count, self.largest_friction, self.doubtful):
             return
         search.failure = (CHANGING if self.effects.coefficient_changes else

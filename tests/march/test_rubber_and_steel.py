@@ -99,3 +99,31 @@ def test_steps_that_fail_beside_stiff_bodies_are_solved_to_more_digits(solved, n
     for run, force in zip(runs, forces):
         assert run.status == 0 and max(run.summary["residuals"].values()) <= 1e-6
         np.testing.assert_allclose(force, forces[0], rtol=0, atol=1e-5 * np.abs(force).max())
+
+
+JAMMED = """// a soft block that friction jams between a floor and a block a million times as stiff
+include "scene.idp"
+units("m", "Pa");
+quasistatic(1.);
+int[int] stiff = [11, 12, 13, 14], soft = [21, 22, 23, 24];
+addBody(square(9, 6, [1.5*x, y], label = stiff)) bodyMaterial("stiff", 1e8, 0.45);
+addBody(square(7, 4, [1.5001 + 1.5*x, 0.8*y], label = soft)) bodyMaterial("soft", 100., 0.3);
+macro contact() 11, 21 //
+macro contactPair() 24, 12 //
+macro friction() 0.8 //
+macro load1() traction(13, 0., -0.5) + traction(23, 0., -2.) //
+macro amplitude1(t) min(1., 3*t) //
+macro load2() traction(14, 1., 0.) + traction(22, -0.8, 0.) //
+macro amplitude2(t) t //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("cut", ["1", pytest.param("12", marks=pytest.mark.slow)])
+def test_steps_that_needed_another_method_are_examined(solved, named_scene, cut):
+    """Cuts come to different ones of several solutions here. Tighter QPs contract from where the
+    other method has led, which says nothing of there being one solution alone.
+    """
+    run = solved(named_scene("jammed", JAMMED), steps=5, subdomains=cut)
+    assert run.status == 0 and run.summary["fallbacks"]
+    assert run.summary["uniqueness"]["verdict"] == "not unique"
