@@ -296,6 +296,8 @@ def _unknown(name: str, error: re.Match | None, scene: Path) -> str:
                 "poisson or, in plane bodies, by all of c11, c12, c13, c22, c23, c33")
     elif grammar.places(scene, rf"\b(physical|choice|whole)\s*\(\s*{name}\b"):
         hint = "; is it a name that belongs in quotes?"
+    elif name in ("yes", "no", "off") and (macro := _whole_content(name, scene)):
+        return _wrong_content(macro, scene)
     elif name in rooms.vocabulary():
         macro = next(macro for macro in rooms.all_macros() if name in macro.names)
         return f"{scene.name}: the scene must give {name}: {macro.text}"
@@ -307,6 +309,13 @@ def _unknown(name: str, error: re.Match | None, scene: Path) -> str:
         if hint.endswith(f" {name}?"):
             hint = "; is it a name that belongs in quotes?"
     return f"{grammar.uses(scene, name)}: the name '{name}' is not declared{hint}"
+
+
+def _whole_content(name: str, scene: Path) -> str:
+    """A macro of the vocabulary that contains nothing but `name`; empty if there is none."""
+    return next((each.name for source in grammar.sources(scene)
+                 for each in grammar.definitions(source)
+                 if each.content.strip() == name and each.name in rooms.vocabulary()), "")
 
 
 def _wrong_call(name: str, scene: Path) -> str:

@@ -323,6 +323,7 @@ def test_names_of_freefem_are_what_the_library_has_undeclared():
     ("u2 = 0.) //", "u2 = 0.) on(2, u1 = 0.) //", "terms are added: on(...) + on(...)"),
     ("traction(3, 2., -10.)", 'pressure(3, "10")', "load1 is given a text in quotes"),
     ("quasistatic(1.);", "quasistatic(int1d(body, 3)(1.));", "a mesh that has not been made"),
+    ("friction() F //", "largeSliding() yes //", "largeSliding cannot be  yes: it expects largest"),
 ])
 @pytest.mark.some(2)
 def test_what_freefem_trips_over(said, old, new, words):
