@@ -109,6 +109,7 @@ class CondensedSearch:
         x = self.condensation.place(self.condensation.gather(x), x)  # without what corners exclude
         x, gradient = self._glued(index, load, x, trace)
         for _ in range(PASSES):
+            self.qp.history.at_work(index, self.qp.operator.products)
             coefficient, bound = rows.coefficient, rows.friction_bound(x)
             self.slip.renew_coefficient(gradient)
             coefficient = self._of_acting(coefficient)

@@ -85,6 +85,7 @@ class FollowingSolver(QuasistaticSolver):
         start, geometries, nearing = None, 0, _Nearing()
         while True:
             geometries += 1
+            history.at_work(index, operator.products)
             self.settings = dataclasses.replace(
                 asked, rtol=part * asked.rtol, friction_rtol=part * asked.friction_rtol,
                 primal_rtol=max(part, 1.0) * asked.primal_rtol)

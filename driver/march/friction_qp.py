@@ -181,6 +181,7 @@ class FrictionQP:
         def monitor(kind, products, residual):
             relative = residual / (self.scales.d or 1.0)
             history.log.append((offset + products, index, iteration, kind, relative))
+            history.at_work(index, op.products, relative)
             return gives_up is not None and gives_up(op.products - before)
 
         if residual <= self.tol:

@@ -1,5 +1,6 @@
 """Data of the time stepping: the state after a step, its load, and the counts of a run."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -104,6 +105,12 @@ class History:
     seconds: float = 0.0  # of the steps, without those of ...
     examining: float = 0.0  # ... the search for other solutions
     renewing: float = 0.0  # of the steps, in which contact rows were renewed
+    watch: Callable | None = None  # is told of long steps: number, products of all, residual
+
+    def at_work(self, index: int, products: int, residual: float | None = None) -> None:
+        """Step `index` goes on, after so many `products` with F in all."""
+        if self.watch is not None:
+            self.watch(index, products, residual)
 
 
 class StepFailed(DriverError):

@@ -182,6 +182,8 @@ def _march(directory: Path, request: Request, problem: Problem, solver: Quasista
     with agreed_writes(comm):
         progress = _progress(directory, request, problem, solver.total, resumed, comm)
 
+    history.watch = progress.within
+
     def add(step: Step) -> None:
         with agreed_writes(comm):
             progress.update(step)

@@ -14,7 +14,8 @@ from .workspace import lock_log
 
 STEP = re.compile(r": step (\d+)/(\d+), ")  # in the line of `Progress.update`
 
-LONG = 10.0  # seconds of FreeFEM's after which a line says what it does; then twice as many, ...
+# seconds of FreeFEM's, or of a step, after which a line says what it does; then twice as many, ...
+LONG = 10.0
 SELDOM = 5.0  # seconds without a line, so that short estimates have none
 
 
@@ -39,10 +40,25 @@ class Progress:
             lock_log(self.log)
         if not quiet:
             self.bar = _bar(label, total, initial=done)
-        self.start = time.perf_counter()
+        self.start = self.begun = time.perf_counter()  # ... of the step at work
+        self.due, self.before = LONG, None  # when to report that it goes on; products before it
+
+    def within(self, index: int, products: int, residual: float | None) -> None:
+        """Report that step `index` takes long, after so many `products` of all steps."""
+        now = time.perf_counter()
+        if self.before is None:
+            self.before = products
+        if now - self.begun < self.due:
+            return
+        self.due = 2 * (now - self.begun)
+        if not self.quiet and self.bar is None:
+            left = "" if residual is None else f", residual {residual:.1e}"
+            print(f"{self.label}: step {index}/{self.total} has taken {now - self.begun:.0f} s so "
+                  f"far, {products - self.before} products{left}", flush=True)
 
     def update(self, step) -> None:
         """Report one finished step."""
+        self.begun, self.due, self.before = time.perf_counter(), LONG, None
         spent, kkt = time.perf_counter() - self.start, f"{max(step.residuals.values()):.1e}"
         iterations, products = step.fixed_point_iterations, step.products
         line = (f"{self.label}: step {step.index}/{self.total}, {iterations} fixed-point "
