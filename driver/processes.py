@@ -10,9 +10,6 @@ from collections.abc import Callable
 from .options import CORES
 
 FORK = multiprocessing.get_context("fork")  # what has been read and imported is there already
-# priority of what is done ahead, lower than of what waits for it: a third of its time where cores
-# are few. The lowest would leave a run to wait without end on a machine where others compute
-NICER = 5
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
@@ -105,7 +102,6 @@ def _in_turn(one: Callable[[int], object], count: int, sender, parent: int) -> N
     _on_signals(stop)
     signal.signal(signal.SIGTERM, stop)  # that of `close`, also where others are ignored
     _end_with(parent)
-    os.nice(NICER)
     try:
         for number in range(count):
             sender.send(one(number))
