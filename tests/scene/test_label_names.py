@@ -74,6 +74,7 @@ def test_names_of_labels_that_the_mesh_lacks_are_refused(checked, old, new, word
 
 @pytest.mark.parametrize("old, new", [
     (SUPPORT, "support() on(side, walls[0], hole, u1 = 0.)"),
+    (SUPPORT, SUPPORT + " //\nborder u1(t=0, 1) { x = t; y = 3.; label = 5; }"),
     (SUPPORT, "support() on(moved, u1 = 0.)"),
     (SUPPORT, "support() fixed(32) //\nmacro fixed(wall) on(wall, u1 = 0., u2 = 0.)"),
     (SUPPORT, SUPPORT + "//\nvarf other(u, v) = on(99, u = 1.);"),
