@@ -51,7 +51,7 @@ class Exports:
             if seconds is not None:
                 return seconds
         clock = time.perf_counter()
-        with self._turn() if self._ahead else contextlib.nullcontext():
+        with self._turn(asked=True) if self._ahead else contextlib.nullcontext():
             self._make(place, changes, sizes)
         return time.perf_counter() - clock
 
@@ -78,12 +78,15 @@ class Exports:
                        without=self.without)
 
     @contextlib.contextmanager
-    def _turn(self):
-        """A block in which no other export of the scene is made.
+    def _turn(self, asked: bool = False):
+        """A block in which no other export of the scene is made; one that is `asked` for is next.
 
-        The lock ends with its process, however that ends.
+        Locks end with their process, however that ends.
         """
-        with open(self.folder / "turn", "w") as turn:
+        with open(self.folder / "turn", "w") as turn, open(self.folder / "asked", "w") as first:
+            fcntl.flock(first, fcntl.LOCK_EX)
+            if not asked:  # nobody waits: whoever does keeps it until he is through
+                fcntl.flock(first, fcntl.LOCK_UN)
             fcntl.flock(turn, fcntl.LOCK_EX)
             yield
 
