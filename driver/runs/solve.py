@@ -182,8 +182,6 @@ def _march(directory: Path, request: Request, problem: Problem, solver: Quasista
     with agreed_writes(comm):
         progress = _progress(directory, request, problem, solver.total, resumed, comm)
 
-    history.watch = progress.within
-
     def add(step: Step) -> None:
         with agreed_writes(comm):
             progress.update(step)
@@ -191,6 +189,7 @@ def _march(directory: Path, request: Request, problem: Problem, solver: Quasista
                 progress.judge(solver.cycles)
         estimator.consider(step, *writer.add(step))
 
+    history.watch = progress.within
     try:
         for step in _steps(solver, directory):
             add(step)
@@ -201,6 +200,8 @@ def _march(directory: Path, request: Request, problem: Problem, solver: Quasista
         failure = stop
         if failure.step is not None:
             add(failure.step)
+    finally:  # of a run that a notebook interrupts nothing may keep the log open
+        history.watch = None
     history.warnings += doubts(request, problem, solver,
                                estimator.largest and estimator.largest[1],
                                problem.structure.contact.motion_of_all_times)
