@@ -141,6 +141,19 @@ def _cross(one: np.ndarray, two: np.ndarray, start: np.ndarray, end: np.ndarray,
     return result
 
 
+def may_meet(edges: np.ndarray, one: int, two: int, pairs: set) -> bool:
+    """Whether contact is declared between a vertex of either edge and the other edge.
+
+    `edges` (s, 3) are ends and labels, `pairs` sets of labels that may touch. A corner of two
+    labels that passes through a face takes the edges of both along.
+    """
+    for own, other in ((one, two), (two, one)):
+        around = np.isin(edges[:, :2], edges[own, :2]).any(axis=1)
+        if any(frozenset((label, edges[other, 2])) in pairs for label in edges[around, 2]):
+            return True
+    return False
+
+
 def largest_bend(start: np.ndarray, end: np.ndarray) -> float:
     """Largest angle between edges (s, 2) that follow one another, corners apart."""
     chord = (end - start) / np.linalg.norm(end - start, axis=1)[:, None]

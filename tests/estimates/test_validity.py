@@ -584,6 +584,38 @@ def test_rough_blocks_that_end_flush_do_not_overlap_beside_their_contact(solved,
     assert run.summary["validity"]["verdict"] == "ok"
 
 
+JAWS = """include "scene.idp"
+real turn = physical("turn", 0.);
+border under(t = 0, 1) { x = 2*t; y = -1; label = 1; }
+border lowEnd(t = 0, 1) { x = 2; y = -1 + 0.98*t; label = 2; }
+border low(t = 0, 1) { x = 2 - 1.5*t; y = -0.02; label = 7; }
+border root(t = 0, 1) { x = 0.5; y = -0.02 + 0.04*t; label = 9; }
+border high(t = 0, 1) { x = 0.5 + 1.5*t; y = 0.02; label = 8; }
+border highEnd(t = 0, 1) { x = 2; y = 0.02 + 0.98*t; label = 4; }
+border above(t = 0, 1) { x = 2 - 2*t; y = 1; label = 3; }
+border back(t = 0, 1) { x = 0; y = 1 - 2*t; label = 5; }
+real c = cos(turn*pi/180.), s = sin(turn*pi/180.);
+body = movemesh(buildmesh(under(8) + lowEnd(4) + low(15) + root(1) + high(18) + highEnd(4)
+                          + above(8) + back(8)), [c*x - s*y, s*x + c*y]);
+macro young() 130. //
+macro poisson() 0. //
+macro support() on(5, u1 = 0., u2 = 0.) //
+macro load1() pressure(3, 0.4) + pressure(1, 0.6) + traction(4, -0.02*c, -0.02*s) //
+macro contactPair() 7, 8 //
+macro normalCompliance() 300. //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("turn", [0, 13, 90, 180])
+def test_jaws_that_end_flush_do_not_overlap_beside_their_contact(verdict, turn):
+    """One body, whose faces press by their asperities, and an end of the other edge behind each:
+    wherever it is turned to.
+    """
+    entry, _, status = verdict(JAWS, turn=turn)
+    assert status == 0 and entry["overlaps"] == [] and entry["verdict"] == "ok"
+
+
 def test_blocks_with_a_clearance_that_end_flush_do_not_overlap_beside_their_contact(solved, scene):
     """Surfaces behind those that are drawn touch where the drawn ones have passed each other."""
     run = solved(scene(FLUSH, ("normalCompliance() 300.", "pairGap() 0.05")))
