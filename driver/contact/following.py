@@ -108,7 +108,7 @@ class Following:
                        corners=first.corners, periods=first.periods)
 
     def passed(self, before: np.ndarray, moved: np.ndarray, time: float) -> InputError | None:
-        """What to say of nodes that a step has taken through the other body; None if there are none.
+        """What to say of nodes that a step has taken through the other body; None if of none.
 
         `before` and `moved` (k, 2) are the displacements at its start and at its end. Who has come
         through farther than the reach faces nothing any more, as who has never met the other body.
@@ -126,8 +126,8 @@ class Following:
             return None
         x, y = first.xy[through[over[through].argmax()]]
         return InputError(f"the contact boundary passes through the other body at ({x:.4g}, "
-                          f"{y:.4g}), by {over[through].max():.3g}, farther than largeSliding says: "
-                          "give a larger length")
+                          f"{y:.4g}), by {over[through].max():.3g}, farther than largeSliding "
+                          "says: give a larger length")
 
     def _boundary(self, moved: np.ndarray, time: float) -> ContactBoundary:
         """The same without rows and corners."""
