@@ -17,7 +17,7 @@ class Curve:
 
     The curve leaves the chord by the slopes `rise` and `fall` (s,) at its ends, to the side of
     `normal` (s, 2), which points to the body. `before` and `after` (s,): it goes on beyond
-    that end, where no segment follows.
+    that end, where no segment follows, for places to which that end is the nearest of all.
     """
 
     start: np.ndarray
@@ -37,25 +37,28 @@ class Curve:
             distance[part], normal[part] = self._distance(place[part])
         return distance, normal
 
-    def _nearest(self, place, low, high):
-        """Of the chords, from `low` to `high` (s,) parts of them, the nearest to places (n, 2).
+    def _nearest(self, place):
+        """Of the chords the nearest to places (n, 2).
 
-        The foot's part of it, the way from its start, its length, direction and normal, and the
-        slopes at its ends; all (n,) or (n, 2).
+        The part of it where the place is along it, which may be beyond its ends, whether the curve
+        goes on there, the way from its start, its length, direction and normal, and the slopes at
+        its ends; all (n,) or (n, 2).
         """
         chord = self.end - self.start
         length = np.linalg.norm(chord, axis=1)
         along = chord / length[:, None]
         away = place[:, None] - self.start
-        s = np.clip(np.einsum("nsk,sk->ns", away, along) / length, low, high)
-        nearest = ((away - (s * length)[..., None] * along) ** 2).sum(axis=2).argmin(axis=1)
+        s = np.einsum("nsk,sk->ns", away, along) / length
+        foot = (np.clip(s, 0.0, 1.0) * length)[..., None] * along
+        nearest = ((away - foot) ** 2).sum(axis=2).argmin(axis=1)
         k = np.arange(len(place))
         return (s[k, nearest], away[k, nearest],
-                *(of[nearest] for of in (length, along, self.normal, self.rise, self.fall)))
+                *(of[nearest] for of in (self.before, self.after, length, along, self.normal,
+                                         self.rise, self.fall)))
 
     def _distance(self, place):
-        s, off, length, along, normal, rise, fall = self._nearest(
-            place, np.where(self.before, -np.inf, 0.0), np.where(self.after, np.inf, 1.0))
+        s, off, before, after, length, along, normal, rise, fall = self._nearest(place)
+        s = np.clip(s, np.where(before, -np.inf, 0.0), np.where(after, np.inf, 1.0))
         # on the segment the cubic, beyond it a parabola with the curve's slope and mean curvature
         cubic, slope, _ = _cubic(s, rise, fall)
         bend = fall - rise
@@ -75,7 +78,8 @@ class SmoothCurve(Curve):
     """The same with the feet of places where their normals are: smooth from segment to segment."""
 
     def _distance(self, place):
-        s, away, length, along, normal, rise, fall = self._nearest(place, 0.0, 1.0)
+        s, away, _, _, length, along, normal, rise, fall = self._nearest(place)
+        s = np.clip(s, 0.0, 1.0)
         x, y = ((away * of).sum(axis=1) / length for of in (along, normal))
         for _ in range(FEET):  # Newton's method for (x - s) + (y - c) c' = 0
             cubic, slope, bend = _cubic(s, rise, fall)

@@ -15,6 +15,7 @@ support leaves no condition at the start: the next ones have their weights. Node
 are idle.
 """
 
+import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -105,6 +106,28 @@ class Following:
             boundary = appended(boundary, self.joints)
         return replace(boundary, normal_row=first.normal_row, tangential_row=first.tangential_row,
                        corners=first.corners, periods=first.periods)
+
+    def passed(self, before: np.ndarray, moved: np.ndarray, time: float) -> InputError | None:
+        """What to say of nodes that a step has taken through the other body; None if of none.
+
+        `before` and `moved` (k, 2) are the displacements at its start and at its end. Who has come
+        through farther than the reach faces nothing any more, as who has never met the other body.
+        """
+        if self.sides is None or np.linalg.norm(np.ptp(moved - before, axis=0)) <= self.reach:
+            return None
+        whole = copy.copy(self)
+        whole.reach = np.inf
+        first, now = whole._boundary(before, time).declared, self._boundary(moved, time).declared
+        jump = (first.normal[first.term_node]
+                * moved[np.searchsorted(self.gids, first.term_gid)]).sum(axis=1)
+        over = np.bincount(first.term_node, first.term_value * jump, len(first.gid)) - first.gap
+        through = np.flatnonzero(first.paired & ~first.idle & now.idle & (over > self.reach))
+        if not len(through):
+            return None
+        x, y = first.xy[through[over[through].argmax()]]
+        return InputError(f"the contact boundary passes through the other body at ({x:.4g}, "
+                          f"{y:.4g}), by {over[through].max():.3g}, farther than largeSliding "
+                          "says: give a larger length")
 
     def _boundary(self, moved: np.ndarray, time: float) -> ContactBoundary:
         """The same without rows and corners."""

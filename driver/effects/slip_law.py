@@ -37,7 +37,8 @@ class Way:
 class Room(Effect):
     """Factor of the coefficient, tabulated at equal steps over [0, range], constant beyond.
 
-    `argument` is "slip" (accumulated slip) or "displacement" (|u_t|).
+    `argument` is "slip" (accumulated slip) or "displacement" (|u_t|), `missed` by how much the
+    factor departs from a straight line between the first two values.
     """
 
     changes_coefficient = True
@@ -47,7 +48,7 @@ class Room(Effect):
         super().__init__(name, manifest)
         try:
             self.argument, values = self.data["argument"], np.array(self.data["values"], float)
-            reach = float(self.data["range"])
+            reach, self.missed = float(self.data["range"]), float(self.data.get("missed", 0.0))
             sound = self.argument in ("slip", "displacement") and 0 < reach < np.inf
         except (TypeError, ValueError, KeyError):
             sound = False

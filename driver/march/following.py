@@ -112,6 +112,8 @@ class FollowingSolver(QuasistaticSolver):
             if nearing.stalled is not None:  # perhaps by what steps are solved to
                 part = FINER
         self.settings = asked
+        if error is None:
+            error = self._passed(self._moved(kept["deformed"], kept["weights"]), u, index)
         self._finish(step, error, missed)
         step.about, step.geometries = about, geometries
         step.fixed_point_iterations, step.products = iterations, operator.products - products
@@ -131,6 +133,14 @@ class FollowingSolver(QuasistaticSolver):
             return self.following.about(u, float(self.times[index]))
         except InputError as problem:
             raise StepFailed(NotConverged(f"{step_name(index)}: {problem}")) from None
+
+    def _passed(self, before: np.ndarray, u: np.ndarray, index: int) -> NotConverged | None:
+        """The error of a step that has taken bodies through each other.
+
+        `before` and `u` (k, 2) are the displacements at its start and at its end.
+        """
+        problem = self.following.passed(before, u, float(self.times[index]))
+        return problem and NotConverged(f"{step_name(index)}: {problem}")
 
     def _take(self, contact, index: int, kept: dict) -> None:
         """Take the rows of `contact` for step `index`; all that is carried is as it was `kept`."""

@@ -15,6 +15,7 @@ FAR = 3.0  # times the size of the largest body
 APART = 0.5  # of that size, from which on a declared distance is seldom meant
 SLIDES = 1e-6  # part of the largest slip that is one
 ROUNDED = 1e-9  # part of a load that is none
+UNRESOLVED = 0.01  # part of the largest factor of friction by which its table may be wrong
 OVERLAP, FACETS = 1e-3, 0.05  # of the boundary's size, of a dual segment: what facets may overlap
 
 
@@ -75,6 +76,16 @@ def far_gaps(structure, declared) -> list[str]:
                         f"other side, {least / size:.2g} of the size of the largest body: check "
                         "its sign and unit")
     return said
+
+
+def coarse_table(effects) -> list[str]:
+    """A sentence if friction depends on slip in a way that its table does not resolve."""
+    law = effects.rooms.get("slip_law")
+    if law is None or law.missed <= UNRESOLVED * law.values.max():
+        return []
+    return [f"the factor of friction bends within the first step of its table, slipRange/1000 = "
+            f"{law.arguments[1]:.3g}, where it is taken as linear and wrong by up to "
+            f"{law.missed:.2g}: give a slipRange that is somewhat more than the largest slip"]
 
 
 def held_loads(structure, manifest, comm) -> list[str]:

@@ -340,7 +340,8 @@ class Search(Trials):
     def _made(self, size, reached: str) -> float:
         """The size of a finer mesh, whose problem is made. Raises NotConverged if it cannot be.
 
-        With elements half as long where the scene rounds the size to that of the last mesh.
+        With elements half as long where the scene rounds the size to that of the last mesh; a
+        quarter as long where its own mesh, of sides without order, comes between.
         """
         demand = (f"{100 * self.asked:g} % of the {self.words} would need "
                   f"{name_of(self.knob, size)}")
@@ -354,8 +355,12 @@ class Search(Trials):
             raise NotConverged(reason) from None
         if self._refines(size):
             return size
-        if ratio(self.knob, self.sizes[-1], size) < HALVED:
+        finer_by = ratio(self.knob, self.sizes[-1], size)
+        if finer_by < HALVED:
             return self._made(self._halved, reached)
+        if finer_by < 2 * HALVED:
+            with contextlib.suppress(NotConverged):  # what was wanted says why
+                return self._made(finer(self.knob, size, 2.0), reached)
         raise NotConverged(f"{demand}, but the scene makes no finer mesh, or no finer contact "
                            f"boundary, than at {name_of(self.knob, self.sizes[-1])}; reached: "
                            f"{reached}")

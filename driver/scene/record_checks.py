@@ -80,6 +80,7 @@ def check_mesh(xy: np.ndarray, nodes: np.ndarray, place: Place, curved: bool = F
     """Triangles are not turned; middles of sides, and centroids, are where they belong.
 
     Where sides are `curved` middles within a record are, and all triangles have positive Jacobians.
+    Far from the origin coordinates have few digits for a triangle, and so have means of them.
     """
     corner = at_nodes(xy, nodes[..., :3])
     turned = elements.areas(corner.reshape(-1, 3, 2)).reshape(len(xy), -1) <= 0
@@ -88,14 +89,15 @@ def check_mesh(xy: np.ndarray, nodes: np.ndarray, place: Place, curved: bool = F
         sound = (elements.jacobians(whole, elements.NODE_PLACES) > 0).all(axis=1)
         turned |= ~sound.reshape(len(xy), -1)
     place.refuse(turned, "a triangle is flat or turned inside out; the body penetrates itself")
+    allowed = np.maximum(1e-12 * np.ptp(xy, axis=(1, 2)),
+                         FEW_DIGITS * np.abs(xy).max(axis=(1, 2)))
     for k in range(3, nodes.shape[-1]):
         around = corner[:, :, [0, 1, 2] if k == 6 else [(k + 1) % 3, (k + 2) % 3]].mean(axis=2)
         off = np.abs(at_nodes(xy, nodes[..., k]) - around).max(axis=2)
         if curved:
             off = np.where(_inner(nodes, k, len(xy[0])), off, 0.0)
         off = off.max(axis=1)
-        place.refuse(off > 1e-12 * np.ptp(xy, axis=(1, 2)),
-                     "the middle of a triangle or of its side is elsewhere")
+        place.refuse(off > allowed, "the middle of a triangle or of its side is elsewhere")
 
 
 def _inner(nodes: np.ndarray, k: int, count: int) -> np.ndarray:

@@ -304,7 +304,8 @@ class Validity:
                     self._note_depth(step, mine, theirs[near], depth / min(size[one], size[two]),
                                      pairs, start, end)
         cut = true_distance.crossings(start, end, edges[:, :2])
-        for i, k in cut[body[cut[:, 0]] == body[cut[:, 1]]]:
+        cut = cut[body[cut[:, 0]] == body[cut[:, 1]]]
+        for i, k in cut[[not true_distance.may_meet(edges, *two, pairs) for two in cut]]:
             depth = np.linalg.norm(end[i] - start[i]) / size[body[i]]
             self._note_depth(step, np.array([i]), np.array([k]), np.array([depth]), pairs, start,
                              end)

@@ -17,11 +17,11 @@ PAIRS = CHUNK // 8  # of edges, of which much more is known than a distance
 FOLDED = 0.5  # cosine of the turn from foot to foot below which they do not follow one another
 
 
-def obstacle(foot: np.ndarray, normal: np.ndarray, joined=True) -> Curve | None:
+def obstacle(foot: np.ndarray, normal: np.ndarray, joined=True, ring=False) -> Curve | None:
     """The curve through feet (k, 2) in their order; `normal` (k, 2) points to the obstacle.
 
-    `joined` (k - 1,): whether the nodes of neighbouring feet are neighbours on the boundary. None
-    where fewer than two feet follow one another.
+    `joined` (k - 1,): whether the nodes of neighbouring feet are neighbours on the boundary. Of a
+    `ring` the last foot is the first one again. None where fewer than two feet follow one another.
     """
     if len(foot) < 2:
         return None
@@ -40,19 +40,27 @@ def obstacle(foot: np.ndarray, normal: np.ndarray, joined=True) -> Curve | None:
         away = -away
     steep = np.maximum(cosine, FOLDED)  # good ones are above
     rise, fall = ((of * away).sum(axis=1) / steep for of in (tangent[:-1], tangent[1:]))
-    before, after = good & ~np.r_[False, good[:-1]], good & ~np.r_[good[1:], False]
+    before = good & ~np.r_[ring and good[-1], good[:-1]]
+    after = good & ~np.r_[good[1:], ring and good[0]]
     return Curve(*(of[good] for of in (foot[:-1], foot[1:], away, rise, fall, before, after)))
 
 
 def from_obstacle(boundary, nodes: np.ndarray, place: np.ndarray):
     """Distances (k,) and normals (k, 2) at places (k, 2) from the obstacle of a chain's `nodes`.
 
-    None and None where that is not known, see `obstacle`.
+    None and None where that is not known, see `obstacle`. A chain that is a whole outline is longer
+    than its nodes are apart along it, by the way from the last one back to the first.
     """
     along = np.linalg.norm(np.diff(boundary.xy[nodes], axis=0), axis=1)
     joined = np.abs(np.diff(boundary.arc[nodes]) - along) <= 1e-6 * along
+    back = np.linalg.norm(boundary.xy[nodes[0]] - boundary.xy[nodes[-1]])
+    rest = boundary.length[nodes].sum() - np.ptp(boundary.arc[nodes])
+    ring = bool(back > 0 and abs(rest - back) <= 1e-6 * back)
+    if ring:
+        nodes, joined = np.append(nodes, nodes[0]), np.append(joined, True)
     normal = boundary.normal[nodes]
-    curve = obstacle(boundary.xy[nodes] + boundary.gap[nodes, None] * normal, normal, joined)
+    foot = boundary.xy[nodes] + boundary.gap[nodes, None] * normal
+    curve = obstacle(foot, normal, joined, ring)
     return (None, None) if curve is None else curve.distance(place)
 
 
@@ -131,6 +139,19 @@ def _cross(one: np.ndarray, two: np.ndarray, start: np.ndarray, end: np.ndarray,
     back = [cross(chords, of[one] - start[two]) for of in (start, end)]
     result[near] = ~shared & (side[0] * side[1] < 0) & (back[0] * back[1] < 0)
     return result
+
+
+def may_meet(edges: np.ndarray, one: int, two: int, pairs: set) -> bool:
+    """Whether contact is declared between a vertex of either edge and the other edge.
+
+    `edges` (s, 3) are ends and labels, `pairs` sets of labels that may touch. A corner of two
+    labels that passes through a face takes the edges of both along.
+    """
+    for own, other in ((one, two), (two, one)):
+        around = np.isin(edges[:, :2], edges[own, :2]).any(axis=1)
+        if any(frozenset((label, edges[other, 2])) in pairs for label in edges[around, 2]):
+            return True
+    return False
 
 
 def largest_bend(start: np.ndarray, end: np.ndarray) -> float:

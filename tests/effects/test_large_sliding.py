@@ -516,6 +516,34 @@ def test_what_cannot_be_had_with_it_says_so(solved, scene, tmp_path):
     assert run.status == 2 and "follows the motion already" in run.reason
 
 
+THROUGH = """include "scene.idp"
+quasistatic(1.);
+int[int] upper = [11, 12, 13, 14];
+addBody(square(4, 2, [2.*x, y]))
+addBody(square(3, 2, [0.3 + 1.4*x, 1. + y], label = upper))
+macro young() 100. //
+macro poisson() 0.3 //
+macro support() on(1, u1 = 0., u2 = 0.) //
+macro displacement1() on(13, u1 = 0., u2 = -0.01) //
+macro amplitude1(t) t //
+macro contactPair() 11, 3 //
+macro largeSliding() REACH //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("reach, steps, status", [("0.004", 2, 4), ("0.004", 4, 0), ("0.02", 2, 0)])
+def test_a_step_that_takes_bodies_through_each_other_is_no_answer(solved, scene, reach, steps,
+                                                                  status):
+    """Where bodies come by more than the reach at once nothing faces anything any more."""
+    run = solved(scene(THROUGH, ("REACH", reach)), steps=steps)
+    assert run.status == status
+    if status:
+        assert "step 1: " in run.reason and "by 0.005, farther than largeSliding" in run.reason
+    else:
+        assert run.summary["quantities"]["normal_resultant"] > 0.5
+
+
 def test_the_latch_ships():
     """Where the documents and the gallery have it from."""
     assert find_scene("latch").is_file()

@@ -1,6 +1,7 @@
 """Friction that slip weakens: what sticks has not slipped."""
 
 import numpy as np
+import pytest
 
 # a periodic strip on an obstacle that moves on under less and less pressure, and does not slide:
 # friction holds 1.28 where 1.15 drag, but only 0.51 after a slip of some of its range
@@ -63,3 +64,29 @@ def test_friction_at_a_corner_is_weakened_by_the_way_of_its_vertex(solved, scene
     factor = np.interp(np.abs(along), [0.0, 0.004], [1.0, 0.4])
     bound = 0.3 * factor * np.abs(contact["sigma_n"])
     np.testing.assert_allclose(contact["bound"], bound, atol=1e-6 * bound.max())
+
+
+DRAGGED = """include "scene.idp"
+quasistatic(1.);
+real slipRange = RANGE;
+body = square(4, 2, [2.*x, y]);
+macro young() 100. //
+macro poisson() 0.3 //
+macro displacement1() on(3, u1 = 0.004, u2 = -0.01) //
+macro amplitude1(t) t //
+macro contact() 1 //
+macro friction() 0.3 //
+macro slipFactor(s) (1. - 20.*min(s, 0.01)) //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("length, said", [("0.01", False), ("1.", False), ("1000.", True)])
+def test_a_range_whose_table_does_not_resolve_the_factor_is_said(solved, scene, length, said):
+    """With steps of 1e-5, 1e-3 and 1 the factor ends at 0.01: the last table has a line from 1 to
+    0.8 instead, off by at most 0.2 (1 - 0.05) at the first of the 20 places between.
+    """
+    run = solved(scene(DRAGGED, ("RANGE", length)), steps=2)
+    lines = [line for line in run.summary["warnings"] if "slipRange" in line]
+    assert run.status == 0 and len(lines) == said
+    assert not said or "slipRange/1000 = 1, " in lines[0] and "up to 0.19:" in lines[0]

@@ -274,6 +274,21 @@ def test_a_size_that_a_scene_rounds_away_is_halved(wanted, size):
     assert search._made(wanted, "3 %") == size
 
 
+@pytest.mark.parametrize("remesh, size", [(1.0, 0.5), (0.5, 0.5)])
+def test_a_mesh_of_its_own_that_is_no_finer_is_passed_over(remesh, size):
+    """The scene's own mesh may have a single row of elements, fewer than one of twice their length
+    without order; with half their length there are more.
+    """
+    search = object.__new__(goal.Search)
+    search.knob, search.element, search.sizes, search.asked = "remesh", {}, [4.0, 2.0], 0.01
+    search.name, triangles = "normal_resultant", {4.0: 12, 2.0: 40, 1.0: 32, 0.5: 140}
+    search.levels = SimpleNamespace(
+        problem=lambda **mesh: None,
+        refines=lambda fine, coarse: triangles[fine["remesh"]] > triangles[coarse["remesh"]])
+    search._nodes = lambda size: 100
+    assert search._made(remesh, "3 %") == size
+
+
 @pytest.mark.parametrize("error, sizes, corners, ends", [
     (None, [4.0, 2.0, 1.0], True, True), (0.1, [4.0, 2.0, 1.0], True, False),
     (None, [2.0, 1.0], True, False), (None, [4.0, 2.0, 1.0], False, False)])

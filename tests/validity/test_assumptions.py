@@ -159,6 +159,27 @@ def test_feet_make_one_curve_in_either_order(turn):
     assert true_distance.obstacle(foot, normal, np.zeros(8, bool)) is None
 
 
+def test_an_outline_ends_nowhere_and_ends_reach_what_is_nearest_to_them():
+    """Feet all round a square, with a slanted normal at each corner, first of a half of them.
+
+    A curve that goes on beyond its end has the curvature of its last side, here a corner's; it is
+    no part of the square that its other feet know, and a ring has no end.
+    """
+    side = np.column_stack([np.linspace(-1, 1, 5)[:4], np.full(4, -1.0)])
+    away = np.concatenate([[[-np.sqrt(0.5)] * 2], np.tile([0.0, -1.0], (3, 1))])
+    quarter = np.array([[0.0, 1.0], [-1.0, 0.0]])
+    foot, normal = (np.concatenate([of @ np.linalg.matrix_power(quarter, k) for k in range(4)])
+                    for of in (side, away))
+    ring = np.append(np.arange(16), 0)
+    curve = true_distance.obstacle(foot[ring], normal[ring], ring=True)
+    assert not curve.before.any() and not curve.after.any() and len(curve.start) == 16
+    half = np.arange(3, 14)  # begins and ends beside corners
+    for known, first in ((curve, 2), (true_distance.obstacle(foot[half], normal[half]), 6)):
+        distance, toward = known.distance(0.9 * foot[[first, 10]])
+        np.testing.assert_allclose(distance, 0.1, rtol=1e-12)
+        np.testing.assert_allclose(toward, -normal[[first, 10]], atol=1e-12)
+
+
 def test_depth_in_a_polygon_by_its_own_formula():
     """Of a triangle that turns either way: inside where the smallest distance of its lines is."""
     corner = np.array([[0.0, 0.0], [3.0, 1.0], [1.0, 2.0]])
@@ -272,6 +293,29 @@ def test_the_verdict_is_that_of_the_worst_measure(share, verdict_):
 
 
 # ------------------------------------------------------------------------------ runs
+
+BOX = """include "scene.idp"
+real turn = physical("turn", 0.)*pi/180.;
+border one(t = -3*pi/4, -pi/4) { x = cos(t + turn); y = sin(t + turn); label = 1; }
+border two(t = -pi/4, 5*pi/4) { x = cos(t + turn); y = sin(t + turn); label = 2; }
+border hole(t = 2*pi, 0) { x = 0.3*cos(t); y = 0.3*sin(t); label = 5; }
+body = buildmesh(one(9) + two(27) + hole(9));
+macro young() 1000. //
+macro poisson() 0.3 //
+macro displacement1() on(5, u1 = 0., u2 = -0.006) //
+macro contact() 1, 2 //
+macro normalCompliance() 1e4 //
+macro obstacle(x, y) (1. - max(abs(x), abs(y))) //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("turn", [0, 110, 200])
+def test_a_disc_in_a_box_is_ok_wherever_its_outline_begins(verdict, turn):
+    """Its whole outline is a contact boundary; walls are straight, so that distances are exact."""
+    entry, _, status = verdict(BOX, turn=turn)
+    assert status == 0 and entry["verdict"] == "ok" and entry["largest_normal_error"] < 1e-9
+
 
 def test_a_stiff_block_is_ok(verdict):
     entry, warnings, status = verdict(BLOCK)
@@ -538,6 +582,38 @@ def test_rough_blocks_that_end_flush_do_not_overlap_beside_their_contact(solved,
     run = solved(scene(FLUSH))
     assert (run.contact["u_n"] - run.contact["gap"]).max() > 0.01
     assert run.summary["validity"]["verdict"] == "ok"
+
+
+JAWS = """include "scene.idp"
+real turn = physical("turn", 0.);
+border under(t = 0, 1) { x = 2*t; y = -1; label = 1; }
+border lowEnd(t = 0, 1) { x = 2; y = -1 + 0.98*t; label = 2; }
+border low(t = 0, 1) { x = 2 - 1.5*t; y = -0.02; label = 7; }
+border root(t = 0, 1) { x = 0.5; y = -0.02 + 0.04*t; label = 9; }
+border high(t = 0, 1) { x = 0.5 + 1.5*t; y = 0.02; label = 8; }
+border highEnd(t = 0, 1) { x = 2; y = 0.02 + 0.98*t; label = 4; }
+border above(t = 0, 1) { x = 2 - 2*t; y = 1; label = 3; }
+border back(t = 0, 1) { x = 0; y = 1 - 2*t; label = 5; }
+real c = cos(turn*pi/180.), s = sin(turn*pi/180.);
+body = movemesh(buildmesh(under(8) + lowEnd(4) + low(15) + root(1) + high(18) + highEnd(4)
+                          + above(8) + back(8)), [c*x - s*y, s*x + c*y]);
+macro young() 130. //
+macro poisson() 0. //
+macro support() on(5, u1 = 0., u2 = 0.) //
+macro load1() pressure(3, 0.4) + pressure(1, 0.6) + traction(4, -0.02*c, -0.02*s) //
+macro contactPair() 7, 8 //
+macro normalCompliance() 300. //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("turn", [0, 13, 90, 180])
+def test_jaws_that_end_flush_do_not_overlap_beside_their_contact(verdict, turn):
+    """One body, whose faces press by their asperities, and an end of the other edge behind each:
+    wherever it is turned to.
+    """
+    entry, _, status = verdict(JAWS, turn=turn)
+    assert status == 0 and entry["overlaps"] == [] and entry["verdict"] == "ok"
 
 
 def test_blocks_with_a_clearance_that_end_flush_do_not_overlap_beside_their_contact(solved, scene):
