@@ -15,17 +15,16 @@ swelling  what a body that contact holds from two sides grows by as it turns, as
           linear, over what it is squeezed by (swelling.py); nothing where loads alone press it
 slide     of closed nodes on another body: how far they are along it from where their forces act on
           it, over the contact length (`largest_slide`); nothing where contact follows the motion
+second    what rotations of second order change of forces of contact and of the largest
+order     displacement (second_order.py)
 overlaps  boundaries without declared contact that penetrate, of two bodies or of one, by more than
           `TOUCH` of the smaller body's size; a gap that lets an obstacle, or another body, reach
           through the body, beside the mean of its length and height
 
-Limits: up to QUESTIONABLE errors of displacements and tractions from this stay within about a tenth
-(strain 0.1: 5 %; rotation 0.1: 0.5 % of all lengths and as much again as strain; a surface that
-is off by 1 % of the contact length is a load of about that strain; a normal off by 0.1 gives a
-tenth of the pressure as shear; by a slide of a tenth as much of a boundary carries what it should
-not, or lacks what it should). Beyond INVALID they may be anything.
+Limits, and what they stand for, are in validity_limits.py.
 """
 
+import contextlib
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -34,41 +33,13 @@ from scipy.sparse.csgraph import connected_components
 
 from ..contact.nodes import TURN
 from ..contact.states import OPEN, ContactField
+from ..errors import NotConverged
 from ..feti.gathering import gather, joined
 from ..scene import elements
 from ..vectors import turned_left
-from . import swelling, true_distance
+from . import second_order, swelling, true_distance
 from .small_strains import MEASURES, SmallStrains
-
-QUESTIONABLE = {"largest_strain": 0.1, "largest_rotation": 0.1, "largest_normal_error": 0.01,
-                "normal_turn": 0.1, "largest_slide": 0.1, "largest_swelling": 0.1, "overlaps": 0.0,
-                "gap": 0.5}
-INVALID = {"largest_strain": 0.3, "largest_rotation": 0.35, "largest_normal_error": 0.1,
-           "normal_turn": 0.35, "largest_slide": 1.0, "largest_swelling": 0.5, "overlaps": 0.02,
-           "gap": 2.0}
-SPOT = 1e-2
-TOUCH = 1e-3  # part of a body's size by which bodies may overlap unnoticed
-VERDICTS = ("ok", "questionable", "invalid")
-WORDS = {
-    "largest_strain": ("the strain is {:.2g}", "strains are assumed small",
-                       "apply smaller loads, or use a code for finite strains"),
-    "largest_rotation": ("the body turns by {:.2g} rad", "rotations are assumed small",
-                         "apply smaller loads, or use a code for large rotations"),
-    "largest_normal_error": ("a node in contact is away from the opposite surface by {:.2g} of the "
-                             "contact length", "contact is linear about the place before the load",
-                             "{remedy}"),
-    "normal_turn": ("a node in contact meets a surface that is turned by {:.2g} rad from the "
-                    "normal used", "contact is linear about the place before the load",
-                    "{remedy}"),
-    "largest_slide": ("a node in contact slides along the other body by {:.2g} of the contact "
-                      "length", "contact is linear about the place before the load", "{remedy}"),
-    "largest_swelling": ("{:.2g} of the body's compression comes from turning by {turn:.2g} rad",
-                         "rotations are assumed small",
-                         "let it turn less, or use a code for large rotations"),
-    "overlaps": ("{labels} overlap by {:.2g} of the body's size",
-                 "contact is not declared there", "declare contact there, or apply smaller loads"),
-    "gap": ("the {other} reaches through the body by {:.2g} of its size",
-            "contact starts with this overlap", "check sign and unit of the gap")}
+from .validity_limits import INVALID, QUESTIONABLE, SPOT, TOUCH, VERDICTS, WORDS
 
 
 @dataclass
@@ -86,7 +57,7 @@ class Validity:
 
     def __init__(self, problem, contact):
         """`problem` a march.Problem, `contact` its ContactState."""
-        self.problem, self.structure = problem, problem.structure
+        self.problem, self.structure, self.solver = problem, problem.structure, contact.solver
         self.comm, self.boundary = problem.operator.comm, contact.boundary
         self.worst = {name: Worst() for name in QUESTIONABLE}
         self.overlaps = {}  # largest part of the size by pair of labels
@@ -124,6 +95,7 @@ class Validity:
         self.boundary = self.structure.contact.declared
         fields = operator.deformations(step.multipliers, step.weights)
         self._check_deformation(step, fields)
+        self._check_second_order(step, state, fields)
         place, moved = self._outline(operator.with_travel(fields, step.weights))
         if place is None:
             return
@@ -152,6 +124,13 @@ class Validity:
             for g in (0, 1):
                 share = np.bincount(self.member, beyond[m, g])[self.member] / whole
                 self.parts[name][g] = max(self.parts[name][g], share.max())
+
+    def _check_second_order(self, step, state: dict, fields) -> None:
+        status = state.get(ContactField.STATUS, np.zeros(0, int))
+        with contextlib.suppress(NotConverged):  # of a state that holds nothing
+            for value, more in second_order.effects(self.problem, self.solver, step, status,
+                                                    self.boundary.label, fields):
+                self.note("second_order", value, (), step.index, **more)
 
     def _outline(self, fields) -> tuple:
         """Places and displacements (nodes, 2) of the nodes of the outline on rank 0, else None."""
@@ -364,10 +343,11 @@ class Validity:
                  for name, w in worst.items()}
         grade |= {name: int((self.parts[name] > SPOT).sum()) for name in MEASURES}
         excess = {name: w.value / (QUESTIONABLE[name] or TOUCH) for name, w in worst.items()}
-        name = max(grade, key=lambda name: (grade[name], excess[name]))
+        # what others say says where, too
+        name = max(grade, key=lambda name: (grade[name], name != "second_order", excess[name]))
         entry = {measure: worst[measure].value for measure in
                  ("largest_strain", "largest_rotation", "largest_normal_error", "normal_turn",
-                  "largest_slide", "largest_swelling")}
+                  "largest_slide", "largest_swelling", "second_order")}
         entry |= {"overlaps": overlaps, "verdict": VERDICTS[grade[name]], "reason": ""}
         if grade[name]:
             entry["reason"] = self._reason(name, worst[name])
@@ -380,8 +360,8 @@ class Validity:
         if worst.more.get("paired") and self.boundary.about is None:
             remedies = "use largeSliding or LINEARIZATION=updated, or smaller loads"
         what = what.format(worst.value, **worst.more)
-        x, y = worst.place
-        return (f"{what} at ({x:.4g}, {y:.4g}) in step {worst.step}, but {granted}: "
+        where = " at ({:.4g}, {:.4g})".format(*worst.place) if worst.place else ""
+        return (f"{what}{where} in step {worst.step}, but {granted}: "
                 f"{remedy.format(remedy=remedies)}")
 
 

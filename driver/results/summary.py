@@ -206,6 +206,8 @@ class Summary:
                             "that comes from its turning alone",
         "largest_slide": "sliding distance of closed nodes along another body since the start, "
                          "divided by the contact length; 0 where contact follows the motion",
+        "second_order": "estimated change of the largest displacement, or of a boundary's contact "
+                        "force, by finite rotations, relative",
         "overlaps": "[label, label, depth over the body's size] of boundaries without declared "
                     "contact that penetrate",
         "verdict": "ok, questionable or invalid", "reason": "reason, place and remedy"})
