@@ -19,6 +19,8 @@ forces that are wrong by as much as they have. Where a body bends freely w takes
 lengthens it by, and little is left.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ..contact.states import STICK
@@ -31,30 +33,50 @@ SLIGHT = 0.01  # energy of what strains leave out, over theirs, up to which the 
 # as little: where nothing yields to that, forces change by about as much
 
 
-def effects(problem, solver, step, status: np.ndarray, labels: np.ndarray,
-            fields: list[np.ndarray]) -> list[tuple[float, dict]]:
-    """Relative changes by what the displacements `fields` (dofs,) of a step leave out, each with
-    the words `what` changes: of the largest displacement, with that of supports, and of the normal
-    forces of boundaries. `status` and `labels` (n_c,) of the contact nodes. Collective; raises
-    NotConverged where the state of the step holds nothing.
+@dataclass
+class Change:
+    """What finite rotations change in a step: the largest displacement by a part `displacement` of
+    it; of the contact nodes the normal forces by `added` (n_c,), beside forces `size` (n_c,).
     """
-    operator = problem.operator
-    joined = len(operator.structure.contact.gid) - len(status)  # nodes of ties follow
-    frozen = FrozenState(operator, solver, step, np.append(status, np.full(joined, STICK)))
-    frozen.ratio = np.zeros_like(frozen.ratio)  # friction of sliding nodes stays what it is
-    x, w = answer(frozen, operator.structure, fields)
-    whole = operator.with_travel(fields, step.weights)
-    more = [u + v for u, v in zip(whole, w)]
-    size, changed = largest(operator.comm, np.array([_largest(whole), _largest(more)]))
-    found = [(abs(changed - size), size, "the largest displacement")]
-    (force, friction), (added, _) = (_forces(operator, solver.rows, of, len(status))
-                                     for of in (step.multipliers, x))
-    size = np.hypot(force, friction)
-    of_labels = [(abs(added[labels == k].sum()), size[labels == k].sum(),
-                  f"the contact force of boundary {k}") for k in np.unique(labels)]
-    most = max((of for _, of, _ in of_labels), default=0.0)
-    found += [(change, max(of, LEAST * most), what) for change, of, what in of_labels]
-    return [(change / of, {"what": what}) for change, of, what in found if of > 0]
+
+    displacement: float
+    added: np.ndarray
+    size: np.ndarray
+
+    @classmethod
+    def of(cls, problem, solver, step, status: np.ndarray, fields: list[np.ndarray]) -> "Change":
+        """Of a step with the displacements `fields` (dofs,) and the `status` (n_c,) of its contact
+        nodes. Collective; raises NotConverged where the state of the step holds nothing.
+        """
+        operator = problem.operator
+        joined = len(operator.structure.contact.gid) - len(status)  # nodes of ties follow
+        frozen = FrozenState(operator, solver, step, np.append(status, np.full(joined, STICK)))
+        frozen.ratio = np.zeros_like(frozen.ratio)  # friction of sliding nodes stays what it is
+        whole = operator.with_travel(fields, step.weights)
+        x, w = answer(frozen, operator.structure, whole)
+        more = [u + v for u, v in zip(whole, w)]
+        size, changed = largest(operator.comm, np.array([_largest(whole), _largest(more)]))
+        (force, friction), (added, _) = (_forces(operator, solver.rows, of, len(status))
+                                         for of in (step.multipliers, x))
+        return cls(abs(changed - size) / size if size else 0.0, added, np.hypot(force, friction))
+
+    def of_nodes(self, here: np.ndarray) -> float:
+        """Of the sum of the forces of the contact nodes `here`, relative."""
+        size = self.size[here].sum()
+        return float(abs(self.added[here].sum()) / size) if size else 0.0
+
+    def parts(self, labels: np.ndarray) -> list[tuple[float, str]]:
+        """Relative changes of the displacement and of the boundaries with the `labels` (n_c,) of
+        the contact nodes, each with words for what changes.
+        """
+        found = [(self.displacement, "the largest displacement")]
+        names = np.unique(labels)
+        most = max((self.size[labels == k].sum() for k in names), default=0.0)
+        for k in names:
+            part = self.size[labels == k].sum() / (LEAST * most) if most else 0.0
+            found.append((self.of_nodes(labels == k) * min(part, 1.0),
+                          f"the contact force of boundary {k}"))
+        return found
 
 
 def _largest(fields: list[np.ndarray]) -> float:

@@ -24,7 +24,6 @@ overlaps  boundaries without declared contact that penetrate, of two bodies or o
 Limits, and what they stand for, are in validity_limits.py.
 """
 
-import contextlib
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -39,7 +38,7 @@ from ..scene import elements
 from ..vectors import turned_left
 from . import second_order, swelling, true_distance
 from .small_strains import MEASURES, SmallStrains
-from .validity_limits import INVALID, QUESTIONABLE, SPOT, TOUCH, VERDICTS, WORDS
+from .validity_limits import FELT, INVALID, QUESTIONABLE, SPOT, TOUCH, VERDICTS, WORDS
 
 
 @dataclass
@@ -95,13 +94,13 @@ class Validity:
         self.boundary = self.structure.contact.declared
         fields = operator.deformations(step.multipliers, step.weights)
         self._check_deformation(step, fields)
-        self._check_second_order(step, state, fields)
+        change = self._check_second_order(step, state, fields)
         place, moved = self._outline(operator.with_travel(fields, step.weights))
         if place is None:
             return
         if len(self.boundary.gid):
             self._check_contact(step, state, place, moved)
-            self._check_swelling(step, state, moved)
+            self._check_swelling(step, state, moved, change)
         passed = state[ContactField.U_N] - self.boundary.at(step.time).gap + self.boundary.behind
         self._check_overlaps(step, place, moved, passed[self.boundary.paired].max(initial=0.0))
 
@@ -125,12 +124,15 @@ class Validity:
                 share = np.bincount(self.member, beyond[m, g])[self.member] / whole
                 self.parts[name][g] = max(self.parts[name][g], share.max())
 
-    def _check_second_order(self, step, state: dict, fields) -> None:
+    def _check_second_order(self, step, state: dict, fields) -> second_order.Change | None:
         status = state.get(ContactField.STATUS, np.zeros(0, int))
-        with contextlib.suppress(NotConverged):  # of a state that holds nothing
-            for value, more in second_order.effects(self.problem, self.solver, step, status,
-                                                    self.boundary.label, fields):
-                self.note("second_order", value, (), step.index, **more)
+        try:
+            found = second_order.Change.of(self.problem, self.solver, step, status, fields)
+        except NotConverged:  # a state that holds nothing
+            return None
+        for value, what in found.parts(self.boundary.label):
+            self.note("second_order", value, (), step.index, what=what)
+        return found
 
     def _outline(self, fields) -> tuple:
         """Places and displacements (nodes, 2) of the nodes of the outline on rank 0, else None."""
@@ -178,14 +180,18 @@ class Validity:
                 k = int(values.argmax())
                 self.note(name, values[k], xy[k], step.index, paired=bool(b.paired[here[0]]))
 
-    def _check_swelling(self, step, state: dict, moved: np.ndarray) -> None:
+    def _check_swelling(self, step, state: dict, moved: np.ndarray, change) -> None:
+        """As far as the `change` by finite rotations, where it is known, says that forces feel it:
+        a belt round a drum keeps those that pull at its ends.
+        """
         if self.problem.manifest.axisymmetric:  # whose sections are held by their hoops
             return
         partners, free = swelling.holders(self.structure, self.problem.manifest, self.member,
                                           self.body)
-        for value, more, place in swelling.of_bodies(self.boundary, state, moved, self.body,
-                                                     self.turns, partners, free):
-            self.note("largest_swelling", value, place, step.index, **more)
+        for value, nodes, more, place in swelling.of_bodies(self.boundary, state, moved, self.body,
+                                                            self.turns, partners, free):
+            felt = FELT * change.of_nodes(nodes) if change else np.inf
+            self.note("largest_swelling", min(value, felt), place, step.index, **more)
 
     def _followed(self, step, moved: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distances (n_c,) and the contact's normals (n_c, 2) about displacements (nodes, 2)."""
