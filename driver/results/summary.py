@@ -240,7 +240,8 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
                 *omissions.far_gaps(structure, problem.effects.rooms),
                 *omissions.held_loads(structure, manifest, problem.operator.comm),
                 *omissions.support_jumps(structure.support_jumps),
-                *omissions.without_wear(writer.record), *omissions.held_inside(writer.record),
+                *omissions.without_wear(writer.record), *omissions.without_friction(writer.record),
+                *omissions.held_inside(writer.record),
                 *(writer.probes.warnings if writer.probes else [])]
     if optional.get("validity") and optional["validity"]["verdict"] != "ok":
         doubt = optional["validity"]
