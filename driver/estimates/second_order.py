@@ -25,7 +25,8 @@ import numpy as np
 
 from ..contact.states import STICK
 from ..feti.gathering import largest
-from ..scene import elements
+from . import buckling
+from .finite_rotations import Triangles, stretch, turning
 from .frozen_state import FrozenState
 
 LEAST = 0.1  # of the largest force of a boundary: smaller ones count as such
@@ -42,6 +43,7 @@ class Change:
     displacement: float
     added: np.ndarray
     size: np.ndarray
+    buckling: float  # part of the buckling load that is reached
 
     @classmethod
     def of(cls, problem, solver, step, status: np.ndarray, fields: list[np.ndarray]) -> "Change":
@@ -58,7 +60,8 @@ class Change:
         size, changed = largest(operator.comm, np.array([_largest(whole), _largest(more)]))
         (force, friction), (added, _) = (_forces(operator, solver.rows, of, len(status))
                                          for of in (step.multipliers, x))
-        return cls(abs(changed - size) / size if size else 0.0, added, np.hypot(force, friction))
+        return cls(abs(changed - size) / size if size else 0.0, added, np.hypot(force, friction),
+                   buckling.reached(frozen, operator.structure, fields))
 
     def of_nodes(self, here: np.ndarray) -> float:
         """Of the sum of the forces of the contact nodes `here`, relative."""
@@ -116,104 +119,18 @@ def unbalanced(sub, u: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, tup
     """(dofs,) nodal forces of second order of a subdomain's displacements u (dofs,), with the
     energies of its strains and of what these leave out; `weights` (patterns,).
     """
-    of = _Triangles(sub)
+    of = Triangles(sub)
     d = of.gradient(u)
-    stress, more = of.of_run(d, u, weights), _stretch(d, d) / 2
-    stretch = of.elastic(more)
-    force = of.nodal(stretch, _turning(stress, d))
-    return force, (of.work(stress, of.strain(d, u)), of.work(stretch, more))
+    stress, more = of.of_run(d, u, weights), stretch(d, d) / 2
+    stiffer = of.elastic(more)
+    force = of.nodal(stiffer, turning(stress, d))
+    return force, (of.work(stress, of.strain(d, u)), of.work(stiffer, more))
 
 
 def of_third_order(sub, u: np.ndarray, weights: np.ndarray, w: np.ndarray) -> np.ndarray:
     """(dofs,) nodal forces likewise, with the answer w (dofs,) to those of second order."""
-    of = _Triangles(sub)
+    of = Triangles(sub)
     d, g = of.gradient(u), of.gradient(w)
-    more = of.elastic(of.strain(g, w)) + of.elastic(_stretch(d, d)) / 2
-    turning = _turning(of.of_run(d, u, weights), g) + _turning(more, d)
-    return of.nodal(of.elastic(_stretch(d, g)), turning)
-
-
-class _Triangles:
-    """Places of integration in the triangles of a subdomain, and what is measured there.
-
-    Components come first: strains (3, n_t, m) xx, yy, 2 xy, of bodies of revolution 4 with the
-    hoop's, stresses likewise, gradients (2, 2, n_t, m).
-    """
-
-    def __init__(self, sub):
-        self.sub, self.nodes, corner = sub, sub.elements.shape[1], sub.corner
-        constant = self.nodes == 3 and not sub.axisymmetric
-        self.places = elements.CENTER if constant else elements.POINTS
-        self.share = elements.areas(corner)[:, None] * (1.0 if constant else elements.WEIGHTS)
-        if sub.curved:
-            self.share = elements.jacobians(corner, self.places) * elements.WEIGHTS / 2
-        self.shape = elements.shapes(self.nodes, self.places)
-        self.slope = np.ascontiguousarray(np.moveaxis(  # (2, n_t, m, nodes)
-            elements.shape_gradients(corner, self.nodes, self.places), -1, 0))
-        self.law = np.moveaxis(sub.elasticity, 0, -1)[..., None]
-        if sub.axisymmetric:
-            self.radius = elements.radii(corner, self.places)
-            self.share = self.share * 2 * np.pi * self.radius
-
-    def gradient(self, u: np.ndarray) -> np.ndarray:
-        """[j, k] d u_k / d x_j of displacements u (dofs,)."""
-        value = u.reshape(-1, 2)[self.sub.elements]
-        return np.array([[np.einsum("tmn,tn->tm", slope, value[..., k]) for k in (0, 1)]
-                         for slope in self.slope])
-
-    def strain(self, d: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Linear strains of displacements u (dofs,) with the gradient d."""
-        parts = [d[0, 0], d[1, 1], d[0, 1] + d[1, 0]]
-        if self.sub.axisymmetric:
-            radial = u.reshape(-1, 2)[self.sub.elements, 0]
-            parts.append(radial @ self.shape.T / self.radius)
-        return np.array(parts)
-
-    def elastic(self, strain: np.ndarray) -> np.ndarray:
-        """Stresses of strains, which have no hoop's where one is missing."""
-        if self.nodes == 7:  # pressures of P2-mixed are linear
-            linear = elements.projected(self.share / elements.WEIGHTS, np.moveaxis(strain, 0, -1))
-            strain = np.moveaxis(self.places @ linear, -1, 0)
-        return np.array([sum(row[j] * part for j, part in enumerate(strain)) for row in self.law])
-
-    def of_run(self, d: np.ndarray, u: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """Stresses of a run's displacements u (dofs,) with the gradient d."""
-        stress = self.elastic(self.strain(d, u))
-        for pattern, suppressed in self.sub.thermal.items():
-            of_places = suppressed[:, None] if suppressed.ndim == 2 else self.places @ suppressed
-            stress -= weights[pattern] * np.moveaxis(of_places, -1, 0)
-        return stress
-
-    def work(self, stress: np.ndarray, strain: np.ndarray) -> float:
-        """Twice an energy, of strains that may lack the hoop's."""
-        return float((self.share * sum(map(np.multiply, stress, strain))).sum())
-
-    def nodal(self, stress: np.ndarray, force: np.ndarray) -> np.ndarray:
-        """(dofs,) of stresses, and of `force` (2, 2, n_t, m), whose work is on gradients."""
-        xx, yy, xy = stress[:3]
-        whole = self.share * (force + np.array([[xx, xy], [xy, yy]]))
-        nodal = [sum(np.einsum("tmn,tm->tn", slope, part) for slope, part in zip(self.slope, of))
-                 for of in whole.swapaxes(0, 1)]
-        if self.sub.axisymmetric:
-            nodal[0] = nodal[0] + (self.share * stress[3] / self.radius) @ self.shape
-        count, node = len(self.sub.xy), self.sub.elements.ravel()
-        return np.column_stack([np.bincount(node, of.ravel(), count) for of in nodal]).ravel()
-
-
-def _stretch(d: np.ndarray, g: np.ndarray) -> np.ndarray:
-    """Q of gradients, a strain."""
-    (exx, eyy, exy, turn), (fxx, fyy, fxy, other) = _parts(d), _parts(g)
-    both, across = turn * other, turn * fxy + other * exy
-    return np.array([both + across, both - across, turn * (fyy - fxx) + other * (eyy - exx)])
-
-
-def _turning(stress: np.ndarray, d: np.ndarray) -> np.ndarray:
-    """(2, 2, n_t, m) whose product with a gradient is that of stresses with its Q with d."""
-    (xx, yy, xy), (exx, eyy, exy, turn) = stress[:3], _parts(d)
-    skew = (exy * (xx - yy) - xy * (exx - eyy)) / 2
-    return np.array([[-turn * xy, turn * xx + skew], [-turn * yy - skew, turn * xy]])
-
-
-def _parts(d: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Strains xx, yy, xy and angle, counterclockwise, of gradients."""
-    return d[0, 0], d[1, 1], (d[0, 1] + d[1, 0]) / 2, (d[0, 1] - d[1, 0]) / 2
+    more = of.elastic(of.strain(g, w)) + of.elastic(stretch(d, d)) / 2
+    force = turning(of.of_run(d, u, weights), g) + turning(more, d)
+    return of.nodal(of.elastic(stretch(d, g)), force)

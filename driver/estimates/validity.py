@@ -38,7 +38,7 @@ from ..scene import elements
 from ..vectors import turned_left
 from . import second_order, swelling, true_distance
 from .small_strains import MEASURES, SmallStrains
-from .validity_limits import FELT, INVALID, QUESTIONABLE, SPOT, TOUCH, VERDICTS, WORDS
+from .validity_limits import FELT, INVALID, QUESTIONABLE, SPOT, TOUCH, UNPLACED, VERDICTS, WORDS
 
 
 @dataclass
@@ -132,6 +132,7 @@ class Validity:
             return None
         for value, what in found.parts(self.boundary.label):
             self.note("second_order", value, (), step.index, what=what)
+        self.note("buckling", found.buckling, (), step.index)
         return found
 
     def _outline(self, fields) -> tuple:
@@ -350,10 +351,10 @@ class Validity:
         grade |= {name: int((self.parts[name] > SPOT).sum()) for name in MEASURES}
         excess = {name: w.value / (QUESTIONABLE[name] or TOUCH) for name, w in worst.items()}
         # what others say says where, too
-        name = max(grade, key=lambda name: (grade[name], name != "second_order", excess[name]))
+        name = max(grade, key=lambda name: (grade[name], name not in UNPLACED, excess[name]))
         entry = {measure: worst[measure].value for measure in
                  ("largest_strain", "largest_rotation", "largest_normal_error", "normal_turn",
-                  "largest_slide", "largest_swelling", "second_order")}
+                  "largest_slide", "largest_swelling", "second_order", "buckling")}
         entry |= {"overlaps": overlaps, "verdict": VERDICTS[grade[name]], "reason": ""}
         if grade[name]:
             entry["reason"] = self._reason(name, worst[name])

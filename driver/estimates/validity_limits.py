@@ -10,13 +10,14 @@ twentieth, as its estimate may be too small by as much. Beyond INVALID they may 
 
 QUESTIONABLE = {"largest_strain": 0.1, "largest_rotation": 0.1, "largest_normal_error": 0.01,
                 "normal_turn": 0.1, "largest_slide": 0.1, "largest_swelling": 0.1,
-                "second_order": 0.05, "overlaps": 0.0, "gap": 0.5}
+                "second_order": 0.05, "buckling": 0.5, "overlaps": 0.0, "gap": 0.5}
 INVALID = {"largest_strain": 0.3, "largest_rotation": 0.35, "largest_normal_error": 0.1,
            "normal_turn": 0.35, "largest_slide": 1.0, "largest_swelling": 0.5,
-           "second_order": 0.3, "overlaps": 0.02, "gap": 2.0}
+           "second_order": 0.3, "buckling": 1.0, "overlaps": 0.02, "gap": 2.0}
 SPOT = 1e-2
 FELT = 2.0  # largest part of a squeeze that is swelling, over that of the forces which it changes
 TOUCH = 1e-3  # part of a body's size by which bodies may overlap unnoticed
+UNPLACED = {"second_order", "buckling"}  # of the whole: what others say says where, too
 VERDICTS = ("ok", "questionable", "invalid")
 WORDS = {
     "largest_strain": ("the strain is {:.2g}", "strains are assumed small",
@@ -37,6 +38,9 @@ WORDS = {
     "second_order": ("finite rotations change {what} by {:.2g} of it",
                      "rotations are assumed small",
                      "apply smaller loads, or use a code for large rotations"),
+    "buckling": ("the loads are {:.2g} of those at which a body buckles",
+                 "bodies are taken for stable",
+                 "apply smaller loads, make it stouter, or use a code for large rotations"),
     "overlaps": ("{labels} overlap by {:.2g} of the body's size",
                  "contact is not declared there", "declare contact there, or apply smaller loads"),
     "gap": ("the {other} reaches through the body by {:.2g} of its size",

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from driver.estimates import second_order
+from driver.estimates.finite_rotations import Triangles
 from driver.estimates.validity_limits import QUESTIONABLE
 
 HEAD = '''include "scene.idp"
@@ -105,7 +106,7 @@ def test_what_bends_freely_is_no_mistake(change):
 
 def stretched(sub, u):
     """Energy of displacements u (dofs,) by Biot's strain, of the polar decomposition."""
-    of = second_order._Triangles(sub)
+    of = Triangles(sub)
     F = np.moveaxis(of.gradient(u), (0, 1), (-2, -1)) + np.eye(2)  # [j, k] = d x_k / d X_j
     turn = np.arctan2(F[..., 0, 1] - F[..., 1, 0], F[..., 0, 0] + F[..., 1, 1])
     back = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
@@ -131,3 +132,35 @@ def test_forces_of_second_order_are_those_of_biots_strain(built, scene, options)
     work = [(stretched(sub, s * a * u + b * v) - stretched(sub, s * a * u - b * v)) / (2 * b)
             for s in (1, -1)]
     assert found == pytest.approx(sum(work) / (2 * a**2), rel=2e-3)
+
+
+CLAMPED = HEAD + '''real share = physical("share", 1.);
+rectangle(0., 40., 0., 1.);
+macro young() 1000. //
+macro poisson() 0. //
+macro support() on(4, u1 = 0., u2 = 0.) + on(2, u1 = 0., u2 = 0.) //
+macro thermal1() share*pi^2/3./40.^2 //
+include "export.idp"
+'''
+
+
+COLUMN = STRUT.replace("critical, side", "critical, 0.")
+TENSION = COLUMN.replace("-share", "share")
+
+
+@pytest.mark.parametrize("text, share, cut", [
+    (COLUMN, 0.3, dict(subdomains="8x1", cells=2)), (COLUMN, 0.3, dict(subdomains=3, cells=8)),
+    (COLUMN, 1.2, dict(subdomains="8x1", cells=2)), (TENSION, -1.2, dict(cells=2)),
+    (CLAMPED, 0.7, dict(subdomains="8x1", cells=2))],
+    ids=["free end", "another cut", "beyond", "tension", "clamped"])
+def test_straight_columns_have_a_part_of_eulers_load(solved, tmp_path, text, share, cut):
+    """pi^2 E I / 4 L^2 of a free end, of clamped ends, heated, 16 times as much; shear lowers it by
+    (pi t / 2 L)^2 / 5 or less, a percent of clamped ends. Displacements show nothing of it.
+    """
+    path = tmp_path / "column.edp"
+    path.write_text(text)
+    valid = solved(str(path), element="P2", share=abs(share), **cut).summary["validity"]
+    assert valid["buckling"] == pytest.approx(max(share, 0.0), rel=0.02, abs=1e-6)
+    assert valid["second_order"] < 1e-3
+    verdict = "ok" if share < 0.5 else "questionable" if share < 1 else "invalid"
+    assert valid["verdict"] == verdict and ("buckles" in valid["reason"]) == (verdict != "ok")
