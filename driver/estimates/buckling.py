@@ -16,13 +16,15 @@ import numpy as np
 from .finite_rotations import Triangles, turning
 
 VECTORS = 6
-SLIGHT = 0.02  # strain times slenderness squared, below which a tenth of the load is not reached
+SLIGHT = 0.05  # strain times slenderness squared, below which half of the load is not reached
+MORE = 1.2  # of these, beyond that of a step that was looked at, for another one to be
 DEPENDENT = 1e-10  # part of the largest of the space's eigenvalues that is rounding
 
 
-def reached(frozen, structure, fields: list[np.ndarray]) -> float:
+def reached(frozen, structure, fields: list[np.ndarray], before: float) -> tuple[float, float]:
     """Part of the buckling load in the step of a FrozenState with displacements `fields` (dofs,) of
-    the local subdomains; 0 where no body is slender. Collective.
+    the local subdomains, and how slender bodies are for their stresses, to be given as `before`
+    for another step; 0 where no body is slender, or none more than before. Collective.
     """
     weights, bodies = frozen.step.weights, structure.travel.bodies
     triangles = [Triangles(sub) for sub in structure.subdomains]
@@ -35,9 +37,10 @@ def reached(frozen, structure, fields: list[np.ndarray]) -> float:
                             for values in frozen.operator.comm.allreduce(sums))
     slender = bodies.size**2 / np.where(area > 0, area, np.inf)
     strain = np.sqrt(square / np.where(volume > 0, volume, np.inf))
-    if (strain * slender**2).max(initial=0.0) <= SLIGHT:
-        return 0.0
-    return _largest(frozen, triangles, stresses, bodies.size.max())
+    most = float((strain * slender**2).max(initial=0.0))
+    if most <= max(SLIGHT, MORE * before):
+        return 0.0, before
+    return _largest(frozen, triangles, stresses, bodies.size.max()), most
 
 
 def _largest(frozen, triangles: list, stresses: list, size: float) -> float:

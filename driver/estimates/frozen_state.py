@@ -20,10 +20,14 @@ LOOSE = 1e-6  # relative work of contact forces on a motion that nothing but spr
 class FrozenState:
     """That of a `step` of a `solver` with the `operator` and `rows` of its run. Collective."""
 
-    def __init__(self, operator, solver, step, status: np.ndarray):
-        """`status` (n_c,) of the contact nodes."""
+    def __init__(self, operator, solver, step, status: np.ndarray, coupled: bool = True):
+        """`status` (n_c,) of the contact nodes; `coupled`: whether friction of sliding nodes
+        follows their pressure, else it stays what it is.
+        """
         self.operator, self.solver, self.step, self.rows = operator, solver, step, solver.rows
         self._freeze(status)
+        if not coupled:
+            self.ratio = np.zeros_like(self.ratio)
         self.system = self._condensed()
         self.free = self._moved_freely()
 

@@ -43,25 +43,27 @@ class Change:
     displacement: float
     added: np.ndarray
     size: np.ndarray
-    buckling: float  # part of the buckling load that is reached
+    buckling: tuple[float, float]  # as buckling.reached has it
 
     @classmethod
-    def of(cls, problem, solver, step, status: np.ndarray, fields: list[np.ndarray]) -> "Change":
+    def of(cls, problem, solver, step, status: np.ndarray, fields: list[np.ndarray],
+           slender: float = 0.0) -> "Change":
         """Of a step with the displacements `fields` (dofs,) and the `status` (n_c,) of its contact
-        nodes. Collective; raises NotConverged where the state of the step holds nothing.
+        nodes; `slender` as buckling.reached has it of steps before. Collective; raises NotConverged
+        where the state of the step holds nothing.
         """
         operator = problem.operator
-        joined = len(operator.structure.contact.gid) - len(status)  # nodes of ties follow
-        frozen = FrozenState(operator, solver, step, np.append(status, np.full(joined, STICK)))
-        frozen.ratio = np.zeros_like(frozen.ratio)  # friction of sliding nodes stays what it is
+        count, joined = len(status), len(operator.structure.contact.gid) - len(status)
+        whole_status = np.append(status, np.full(joined, STICK))  # nodes of ties follow
+        frozen = FrozenState(operator, solver, step, whole_status, coupled=False)
         whole = operator.with_travel(fields, step.weights)
         x, w = answer(frozen, operator.structure, whole)
         more = [u + v for u, v in zip(whole, w)]
         size, changed = largest(operator.comm, np.array([_largest(whole), _largest(more)]))
-        (force, friction), (added, _) = (_forces(operator, solver.rows, of, len(status))
+        (force, friction), (added, _) = (_forces(operator, solver.rows, of, count)
                                          for of in (step.multipliers, x))
         return cls(abs(changed - size) / size if size else 0.0, added, np.hypot(force, friction),
-                   buckling.reached(frozen, operator.structure, fields))
+                   buckling.reached(frozen, operator.structure, fields, slender))
 
     def of_nodes(self, here: np.ndarray) -> float:
         """Of the sum of the forces of the contact nodes `here`, relative."""

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from driver.estimates import second_order
+from driver.contact.states import SLIP
+from driver.estimates import buckling, second_order
 from driver.estimates.finite_rotations import Triangles
 from driver.estimates.validity_limits import QUESTIONABLE
 
@@ -164,3 +165,19 @@ def test_straight_columns_have_a_part_of_eulers_load(solved, tmp_path, text, sha
     assert valid["second_order"] < 1e-3
     verdict = "ok" if share < 0.5 else "questionable" if share < 1 else "invalid"
     assert valid["verdict"] == verdict and ("buckles" in valid["reason"]) == (verdict != "ok")
+
+
+def test_steps_that_eliminate_gluing_rows_answer_by_contact_rows_alone(built, steps_of):
+    """One factorization of the state without Coulomb's coupling, and four products for each of the
+    answers, the last to judge it; conjugate gradients take ten and more.
+    """
+    problem = built("tutorial", h=3, steps=4)
+    solver, steps = steps_of(problem)
+    assert solver.condensation.eliminated and solver.history.counts["condensed_steps"]
+    step, rows, operator = steps[-1], solver.rows, problem.operator
+    status = np.zeros(len(operator.structure.contact.gid), int)
+    status[rows.normal_node] = step.status
+    assert (status == SLIP).any()
+    fields, before = operator.deformations(step.multipliers, step.weights), operator.products
+    second_order.Change.of(problem, solver, step, status, fields)
+    assert operator.products - before <= 4 * (2 + buckling.VECTORS)
