@@ -7,8 +7,9 @@ the step. It is sought in a Krylov space of a few vectors, from forces that are 
 symmetry: a lower bound, mostly within some hundredths. A straight strut shows nothing of it in its
 displacements.
 
-Only bodies that are slender for their stresses are looked at: a column with a length of S times its
-thickness buckles at strains of about 0.2/S^2.
+The first of the vectors, by which bodies give way most, mostly tells by its Rayleigh quotient that
+nothing is near its buckling load: then it is the only one. Bodies that contact alone keeps from
+turning are not looked at: they roll, and other points carry their forces then.
 """
 
 import numpy as np
@@ -16,46 +17,52 @@ import numpy as np
 from .finite_rotations import Triangles, turning
 
 VECTORS = 6
-SLIGHT = 0.05  # strain times slenderness squared, below which half of the load is not reached
-MORE = 1.2  # of these, beyond that of a step that was looked at, for another one to be
+SLIGHT = 0.02  # quotient of the first vector with which it is the only one
+MORE = 1.2  # times the stresses of a step that was looked at, for another one to be
 DEPENDENT = 1e-10  # part of the largest of the space's eigenvalues that is rounding
 
 
 def reached(frozen, structure, fields: list[np.ndarray], before: float) -> tuple[float, float]:
     """Part of the buckling load in the step of a FrozenState with displacements `fields` (dofs,) of
-    the local subdomains, and how slender bodies are for their stresses, to be given as `before`
-    for another step; 0 where no body is slender, or none more than before. Collective.
+    the local subdomains, and how much bodies are strained, to be given as `before` for another
+    step; 0 where none is strained by more than before. Collective.
     """
     weights, bodies = frozen.step.weights, structure.travel.bodies
+    if any(abs(mode.rotation) * bodies.size.max() > DEPENDENT for mode in structure.rigid_modes):
+        return 0.0, before
     triangles = [Triangles(sub) for sub in structure.subdomains]
     stresses = [of.of_run(of.gradient(u), u, weights) for of, u in zip(triangles, fields)]
-    sums = np.zeros((3, structure.total))  # area, area and mean square of a strain by volume
+    sums = np.zeros((2, structure.total))  # volume, and the square of a strain in it
     for of, stress in zip(triangles, stresses):
-        sums[:, of.sub.index] = of.plane.sum(), of.share.sum(), of.work(stress / of.law[0, 0]**2,
-                                                                        stress)
-    area, volume, square = (np.bincount(bodies.number, values, len(bodies.size))
-                            for values in frozen.operator.comm.allreduce(sums))
-    slender = bodies.size**2 / np.where(area > 0, area, np.inf)
-    strain = np.sqrt(square / np.where(volume > 0, volume, np.inf))
-    most = float((strain * slender**2).max(initial=0.0))
-    if most <= max(SLIGHT, MORE * before):
+        sums[:, of.sub.index] = of.share.sum(), of.work(stress / of.law[0, 0]**2, stress)
+    volume, square = (np.bincount(bodies.number, values, len(bodies.size))
+                      for values in frozen.operator.comm.allreduce(sums))
+    strain = float(np.sqrt(square / np.where(volume > 0, volume, np.inf)).max(initial=0.0))
+    if strain <= MORE * before:
         return 0.0, before
-    return _largest(frozen, triangles, stresses, bodies.size.max()), most
+    return _largest(frozen, triangles, stresses, bodies.size.max()), strain
 
 
 def _largest(frozen, triangles: list, stresses: list, size: float) -> float:
     """The largest eigenvalue that the Krylov space of forces over a length `size` finds."""
     total = frozen.operator.structure.total
-    force, answers, forces = [of.uneven_forces(size) for of in triangles], [], []
-    for _ in range(VECTORS):
+
+    def softened(w: list) -> list:
+        return [-of.nodal(0.0 * stress, turning(stress, of.gradient(v)))
+                for of, stress, v in zip(triangles, stresses, w)]
+
+    force, answers, forces, changed = [of.uneven_forces(size) for of in triangles], [], [], []
+    for k in range(VECTORS):
         _, w = frozen.under(force)
         norm = np.sqrt(abs(_work(frozen, triangles, force, w, total))) or 1.0
         answers.append([v / norm for v in w])
         forces.append([f / norm for f in force])
-        force = [-of.nodal(0.0 * stress, turning(stress, of.gradient(v)))
-                 for of, stress, v in zip(triangles, stresses, answers[-1])]
-    changed = [[-of.nodal(0.0 * stress, turning(stress, of.gradient(v)))
-                for of, stress, v in zip(triangles, stresses, w)] for w in answers]
+        force = softened(answers[-1])
+        changed.append(force)
+        if k == 0:
+            quotient = _work(frozen, triangles, force, answers[0], total)
+            if quotient <= SLIGHT:
+                return max(quotient, 0.0)
     stiff, soft = (np.array([[_work(frozen, triangles, f, w, total) for f in of] for w in answers])
                    for of in (forces, changed))
     values, vectors = np.linalg.eigh((stiff + stiff.T) / 2)

@@ -24,7 +24,6 @@ class Triangles:
         self.slope = np.ascontiguousarray(np.moveaxis(  # (2, n_t, m, nodes)
             elements.shape_gradients(corner, self.nodes, self.places), -1, 0))
         self.law = np.moveaxis(sub.elasticity, 0, -1)[..., None]
-        self.plane = self.share
         if sub.axisymmetric:
             self.radius = elements.radii(corner, self.places)
             self.share = self.share * 2 * np.pi * self.radius

@@ -47,10 +47,10 @@ class Change:
 
     @classmethod
     def of(cls, problem, solver, step, status: np.ndarray, fields: list[np.ndarray],
-           slender: float = 0.0) -> "Change":
+           strained: float = 0.0) -> "Change":
         """Of a step with the displacements `fields` (dofs,) and the `status` (n_c,) of its contact
-        nodes; `slender` as buckling.reached has it of steps before. Collective; raises NotConverged
-        where the state of the step holds nothing.
+        nodes; `strained` as buckling.reached has it of steps before. Collective; raises
+        NotConverged where the state of the step holds nothing.
         """
         operator = problem.operator
         count, joined = len(status), len(operator.structure.contact.gid) - len(status)
@@ -63,7 +63,7 @@ class Change:
         (force, friction), (added, _) = (_forces(operator, solver.rows, of, count)
                                          for of in (step.multipliers, x))
         return cls(abs(changed - size) / size if size else 0.0, added, np.hypot(force, friction),
-                   buckling.reached(frozen, operator.structure, fields, slender))
+                   buckling.reached(frozen, operator.structure, fields, strained))
 
     def of_nodes(self, here: np.ndarray) -> float:
         """Of the sum of the forces of the contact nodes `here`, relative."""

@@ -59,7 +59,7 @@ class Validity:
         self.problem, self.structure, self.solver = problem, problem.structure, contact.solver
         self.comm, self.boundary = problem.operator.comm, contact.boundary
         self.worst = {name: Worst() for name in QUESTIONABLE}
-        self.slender = 0.0  # as buckling.py has it
+        self.strained = 0.0  # as buckling.py has it
         self.overlaps = {}  # largest part of the size by pair of labels
         self.outline = np.zeros(problem.manifest.nodes, bool)
         ends = self.structure.outer_edges[:, :2]
@@ -129,12 +129,12 @@ class Validity:
         status = state.get(ContactField.STATUS, np.zeros(0, int))
         try:
             found = second_order.Change.of(self.problem, self.solver, step, status, fields,
-                                           self.slender)
+                                           self.strained)
         except NotConverged:  # a state that holds nothing
             return None
         for value, what in found.parts(self.boundary.label):
             self.note("second_order", value, (), step.index, what=what)
-        part, self.slender = found.buckling
+        part, self.strained = found.buckling
         self.note("buckling", part, (), step.index)
         return found
 

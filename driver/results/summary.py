@@ -208,7 +208,7 @@ class Summary:
                          "divided by the contact length; 0 where contact follows the motion",
         "second_order": "estimated change of the largest displacement, or of a boundary's contact "
                         "force, by finite rotations, relative",
-        "buckling": "estimated part of the loads at which a body buckles; 0 where none is slender",
+        "buckling": "estimated part of the loads at which a body buckles",
         "overlaps": "[label, label, depth over the body's size] of boundaries without declared "
                     "contact that penetrate",
         "verdict": "ok, questionable or invalid", "reason": "reason, place and remedy"})

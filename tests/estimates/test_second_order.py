@@ -181,3 +181,53 @@ def test_steps_that_eliminate_gluing_rows_answer_by_contact_rows_alone(built, st
     fields, before = operator.deformations(step.multipliers, step.weights), operator.products
     second_order.Change.of(problem, solver, step, status, fields)
     assert operator.products - before <= 4 * (2 + buckling.VECTORS)
+
+
+PORTAL = HEAD + '''real P = 1.5*2*pi^2*1000./12./40.^2;
+border foot1(t=0, 1) { x = t; y = 0; label = 1; }
+border in1(t=0, 40) { x = 1; y = t; label = 2; }
+border under(t=1, 29) { x = t; y = 40; label = 2; }
+border in2(t=40, 0) { x = 29; y = t; label = 2; }
+border foot2(t=29, 30) { x = t; y = 0; label = 1; }
+border out2(t=0, 50) { x = 30; y = t; label = 2; }
+border top(t=30, 0) { x = t; y = 50; label = 3; }
+border out1(t=50, 0) { x = 0; y = t; label = 2; }
+body = buildmesh(foot1(1) + in1(40) + under(10) + in2(40) + foot2(1) + out2(44) + top(6)
+                 + out1(44));
+macro young() 1000. //
+macro poisson() 0. //
+macro support() on(1, u1 = 0., u2 = 0.) //
+macro load1() traction(3, 0., -P/30.) //
+include "export.idp"
+'''
+
+
+def test_thin_columns_under_a_stout_beam_buckle(solved, tmp_path):
+    """Sideways at pi^2 E I / L^2 each, clamped and guided; the beam, ten times as high, gives way
+    by some hundredths as much.
+    """
+    (tmp_path / "portal.edp").write_text(PORTAL)
+    valid = solved(str(tmp_path / "portal.edp"), element="P2").summary["validity"]
+    assert valid["buckling"] == pytest.approx(1.5, rel=0.05) and valid["verdict"] == "invalid"
+
+
+GROOVE = HEAD + '''border low(t = pi, 2*pi) { x = 10.*cos(t); y = 10.*sin(t); label = 1; }
+border top(t = 1, -1) { x = 10.*t; y = 0.; label = 3; }
+body = buildmesh(low(80) + top(12));
+macro young() 2000. //
+macro poisson() 0.3 //
+macro load1() pressure(3, 5.) //
+macro contact() 1 //
+macro obstacle(x, y) ((y - sqrt(3.)*abs(x))/2. + 10.) //
+macro friction() 0. //
+include "export.idp"
+'''
+
+
+def test_a_round_bar_that_may_turn_in_its_groove_does_not_buckle(solved, tmp_path):
+    """Loaded in its middle it is at rest wherever it turns to: points of contact change."""
+    (tmp_path / "groove.edp").write_text(GROOVE)
+    run = solved(str(tmp_path / "groove.edp"))
+    assert run.summary["boundaries"][0]["normal_resultant"] == pytest.approx(200.0, rel=1e-6)
+    assert run.summary["validity"]["buckling"] == 0.0
+    assert run.summary["validity"]["verdict"] == "ok"
