@@ -20,10 +20,8 @@ ones, triangle by triangle. Three sizes come of it:
     gross     sum abs int_T d_u : C^-1 d_z        if nothing cancelled
     product   1/2 ||d_u|| ||d_z||                 half of what Cauchy and Schwarz allow
 
-Solved by the contact rows alone where steps have eliminated the gluing rows (frozen_system.py),
-else by conjugate gradients with the operator, the rows and the preconditioner of the run, the
-coupling of Coulomb's law by repetition: ten to twenty-five products each. What a change of the
-contact state adds is of higher order; errors of earlier steps are not in it.
+Solved as march/frozen_state.py does. What a change of the contact state adds is of higher order;
+errors of earlier steps are not in it.
 
 Smoothed stresses see SEES of an error in energy, less where its bound is larger than theirs by more
 than bounds are (where it is by far, unresolved.py leaves the claim out), so that of an error of a
@@ -55,14 +53,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..contact.states import OPEN, SLIP, STICK
 from ..effects import Effects
 from ..energy_norm import recovery
 from ..energy_norm.torn_body import Gather
-from ..errors import NotConverged
+from ..march.frozen_state import FrozenState
 from ..quantity_table import HELD
 from .budget import Part
-from .frozen_system import FrozenSystem
 from .given import of_resultant
 from .nodal_gaps import missed_gaps
 
@@ -73,10 +69,7 @@ OVER = 1.3  # bounds of errors in energy over the errors, as they mostly are
 PEAK = 2.0  # of a peak's gross: its product is that of a concentrated load
 ALIKE = 2.0  # product over gross below which both errors lie in one place, under the peak
 BLIND = 0.02  # net and gross below this part of a claim see nothing of its error: data err
-TOLERANCE = 1e-3  # of the adjoint problems, relative
 BALANCED = 1e-4  # part of a value that they leave of forces which balance loads on any mesh
-ROUNDS, STILL = 6, 1e-3  # of Coulomb's coupling, and its change with which they end
-LOOSE = 1e-6  # relative work of contact forces on a motion that nothing but springs resists
 CORNERS = "contact boundaries meet in corners"
 EARLIER = "its step was not kept"
 
@@ -131,50 +124,21 @@ def unsuited(problem, solver, step) -> str:
     return effects.no_bound() or effects.no_estimate(step.weights)
 
 
-class Adjoint:
+class Adjoint(FrozenState):
     """The adjoint problems of one step of a run. Collective; rank 0 adds up."""
 
     def __init__(self, problem, record, step, body):
         """`record`: of the run, up to the `step` at least; `body`: the torn body of rank 0."""
-        self.operator, self.record, self.step = problem.operator, record, step
-        self.solver = record.contact.solver
-        self.rows, self.body = self.solver.rows, body
+        status = record.state(step.index - 1)["status"]
+        super().__init__(problem.operator, record.contact.solver, step, status)
+        self.record, self.body = record, body
         self.gather = Gather(self.operator)
         self.quadratic = problem.manifest.element != "P1"
-        status = record.state(step.index - 1)["status"]
-        self._freeze(status)
         gap, nodes = record.gaps[step.index - 1], record.nodes()
         self.missed = np.zeros(len(gap)) if self.quadratic else missed_gaps(nodes, gap, status)
-        self.system = self._condensed()
-        self.free = self._moved_freely()
         fields = self.operator.deformations(step.multipliers, step.weights)
         self.own = self._deviation(fields, step.weights)
         self.smoothed = self.operator.comm.bcast(self._norm(self.own))  # error in energy by it
-
-    def _freeze(self, status: np.ndarray) -> None:
-        """Which rows stay free, and what friction follows pressure by."""
-        rows, x = self.rows, self.step.multipliers
-        self.lower, self.upper = np.full(len(x), -np.inf), np.full(len(x), np.inf)
-        still = status[rows.tangential_node] == STICK
-        for row in (rows.normal[status[rows.normal_node] == OPEN], rows.tangential[~still]):
-            self.lower[row] = self.upper[row] = 0.0
-        slides = status[rows.tangential_node] == SLIP
-        self.ratio = np.zeros(len(rows.tangential))
-        if rows.coefficient is not None:
-            sign = np.sign(x[rows.tangential] * x[rows.pair])
-            self.ratio[slides] = (rows.coefficient * sign)[slides]
-
-    def _condensed(self) -> FrozenSystem | None:
-        """That of the state on the contact rows, where steps have eliminated the gluing rows: not
-        where the last one has but learnt that it pays, as it may not for these problems alone.
-        """
-        condensation, counts = self.solver.condensation, self.solver.history.counts
-        if not condensation.eliminated or not counts["condensed_steps"]:
-            return None
-        try:
-            return FrozenSystem(condensation, self.upper > 0, self.ratio)
-        except NotConverged:
-            return None
 
     def sizes(self, names) -> dict[str, Sizes]:
         """Of the quantities among `names` that have an adjoint problem; the same on all ranks."""
@@ -272,64 +236,6 @@ class Adjoint:
         """(n_t, nodes, 3) errors of the stresses of displacements, on rank 0."""
         found = recovery.deviation(self.gather, self.body, fields, self.quadratic, weights)
         return None if found is None else found[0]
-
-    def _moved_freely(self) -> tuple[list[np.ndarray], np.ndarray]:
-        """Multipliers (owned,) that rigid motions of free bodies take, and their work on these."""
-        motions, dot = self.operator.motions, self.operator.dot
-        taken = [self._solve(motion) for motion in motions]
-        work = [[dot(motion, x) for x in taken] for motion in motions]
-        return taken, np.array(work).reshape(len(motions), len(motions))
-
-    def _balanced(self, x: np.ndarray, forces: list | None) -> tuple[np.ndarray, np.ndarray]:
-        """Multipliers with which forces on free bodies balance, and motions (modes,) to them."""
-        structure, operator = self.operator.structure, self.operator
-        if not operator.modes:
-            return x, np.zeros(0)
-        work = np.zeros((structure.total, operator.modes))
-        for k, mode in enumerate(structure.rigid_modes if forces is not None else ()):
-            for sub, force, moved in zip(structure.subdomains, forces, mode.fields(structure)):
-                work[sub.index, k] = force @ moved
-        applied = np.sum(operator.comm.allgather(work), axis=0).sum(axis=0)
-        missing = applied - [operator.dot(motion, x) for motion in operator.motions]
-        taken, each = self.free
-        motion = np.linalg.lstsq(each, missing, rcond=LOOSE)[0]
-        return x + np.tensordot(motion, taken, axes=1), motion
-
-    def _solve(self, moved: np.ndarray) -> np.ndarray:
-        """Multipliers mu (owned,) that take displacements `moved` (owned,) off all free rows."""
-        right, qp = self._followed(moved), self.solver.qp
-        tolerance = TOLERANCE * qp.size(np.where(self.upper > 0, right, 0.0))
-        if tolerance == 0:
-            return np.zeros(len(moved))
-        if self.system is not None:
-            x = self.system.solution(moved)
-            left = self._followed(self.operator.apply(x)) - right
-            if qp.size(np.where(self.upper > 0, left, 0.0)) <= tolerance:
-                return x
-        x, coupling, gradient = np.zeros(len(moved)), 0.0, -right
-        for _ in range(ROUNDS):
-            x = qp.linear(right - coupling, (self.lower, self.upper), x, tolerance, gradient).x
-            if not self._coupled:
-                break
-            product = self.operator.apply(x)
-            before, coupling = coupling, self._followed(product) - product
-            if qp.size(coupling - before) <= STILL * qp.size(right):
-                break
-            gradient = product - right + coupling
-        return x
-
-    @property
-    def _coupled(self) -> bool:
-        """Whether friction follows pressure anywhere."""
-        return self.operator.comm.allreduce(int(self.ratio.any())) > 0
-
-    def _followed(self, moved: np.ndarray) -> np.ndarray:
-        """Displacements (owned,) of the rows along the forces: normal ones with what friction
-        makes of them.
-        """
-        along = moved.copy()
-        np.add.at(along, self.rows.pair, self.ratio * moved[self.rows.tangential])
-        return along
 
 
 def assess(problem, record, step, values, body) -> tuple[dict[str, Sizes], dict]:

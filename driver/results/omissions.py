@@ -4,8 +4,9 @@ import numpy as np
 
 from ..contact.boundary import ContactBoundary
 from ..options import Settings
+from ..text import counted
 from ..units import split_unit
-from .held_nodes import without_row
+from .held_nodes import held_along, without_row
 
 SHAPED = {"obstacle", "obstacle_motion", "large_sliding", "bilateral"}  # else it is a mould
 SMOOTH, ROUND = np.cos(np.radians((20, 30)))  # normals of neighbours, and of a label's ends
@@ -13,6 +14,7 @@ DIAMOND = 1e12  # Pa: twice its shear modulus
 COARSE = 0.01  # RTOL beyond which forces are guesses; FRICTION_RTOL: ten times that
 FAR = 3.0  # times the size of the largest body
 APART = 0.5  # of that size, from which on a declared distance is seldom meant
+LACKS = 1e-3  # part of all friction that a node may lack unnoticed
 SLIDES = 1e-6  # part of the largest slip that is one
 ROUNDED = 1e-9  # part of a load that is none
 UNRESOLVED = 0.01  # part of the largest factor of friction by which its table may be wrong
@@ -141,6 +143,28 @@ def without_wear(record) -> list[str]:
             "although a support or prescribed displacement constrains them along the boundary: no "
             "wear is computed for them, so they protrude as other nodes wear; let the support end "
             "before the contact label"]
+
+
+def without_friction(record) -> list[str]:
+    """A sentence if contact nodes slide without friction that would be a part of all of it: a
+    support leaves them one component of a slanted boundary.
+    """
+    b, states = record.contact.boundary, record.states
+    half = without_row(b) & ~held_along(b, record.contact.constrained)
+    if not record.contact.frictional or not half.any():
+        return []
+    slip, bound = np.abs(states["slip"]), np.array(states["bound"]) * b.weight
+    part = bound / np.maximum(bound.sum(axis=1), np.finfo(float).tiny)[:, None]
+    lacks = half & (slip > SLIDES * slip.max(initial=0.0)) & (part > LACKS)
+    nodes = lacks.any(axis=0)
+    if not nodes.any():
+        return []
+    x, y = b.xy[nodes][0]
+    most = np.where(lacks, part, 0.0).sum(axis=1).max()
+    return [f"no friction acts on {counted(np.count_nonzero(nodes), 'contact node')} of a slanted "
+            f"boundary, the first at ({x:.3g}, {y:.3g}), where a support constrains one component "
+            f"of the displacement: up to {100 * most:.2g} % of all friction is missing; let the "
+            "support end before the contact label"]
 
 
 def held_inside(record) -> list[str]:

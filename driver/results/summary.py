@@ -206,6 +206,9 @@ class Summary:
                             "that comes from its turning alone",
         "largest_slide": "sliding distance of closed nodes along another body since the start, "
                          "divided by the contact length; 0 where contact follows the motion",
+        "second_order": "estimated change of the largest displacement, or of a boundary's contact "
+                        "force, by finite rotations, relative",
+        "buckling": "estimated part of the loads at which a body buckles",
         "overlaps": "[label, label, depth over the body's size] of boundaries without declared "
                     "contact that penetrate",
         "verdict": "ok, questionable or invalid", "reason": "reason, place and remedy"})
@@ -239,7 +242,8 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
                 *omissions.coarse_table(problem.effects),
                 *omissions.held_loads(structure, manifest, problem.operator.comm),
                 *omissions.support_jumps(structure.support_jumps),
-                *omissions.without_wear(writer.record), *omissions.held_inside(writer.record),
+                *omissions.without_wear(writer.record), *omissions.without_friction(writer.record),
+                *omissions.held_inside(writer.record),
                 *(writer.probes.warnings if writer.probes else [])]
     if optional.get("validity") and optional["validity"]["verdict"] != "ok":
         doubt = optional["validity"]

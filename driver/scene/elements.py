@@ -187,8 +187,20 @@ def strains(corner: np.ndarray, value: np.ndarray, places: np.ndarray) -> np.nda
     return _strains(np.einsum("tcj,tmck->tmjk", hat_gradients(corner), at_corners))
 
 
+def shape_gradients(corner: np.ndarray, nodes: int, places: np.ndarray) -> np.ndarray:
+    """(n_t, m, nodes, 2) gradients of the shape functions at places (m, 3)."""
+    slope = slopes(nodes, places).transpose(0, 2, 1)  # (m, 3, nodes)
+    by_place = np.broadcast_to(slope, (len(corner), *slope.shape))
+    if corner.shape[1] == 3:
+        gradient = np.einsum("tcj,tmci->tmji", hat_gradients(corner), by_place)
+    else:
+        moved = by_place[:, :, 1:] - by_place[:, :, :1]
+        gradient = _solved(_tangents(corner, places), moved)
+    return gradient.transpose(0, 1, 3, 2)
+
+
 def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solutions (..., 2, 2) of systems of two equations each, `matrix` and `right` likewise."""
+    """Solutions (..., 2, n) of systems of two equations each, `matrix` (..., 2, 2)."""
     (a, b), (c, d) = np.moveaxis(matrix, (-2, -1), (0, 1))
     first, second = right[..., 0, :], right[..., 1, :]
     rows = np.stack([d[..., None] * first - b[..., None] * second,

@@ -15,15 +15,13 @@ swelling  what a body that contact holds from two sides grows by as it turns, as
           linear, over what it is squeezed by (swelling.py); nothing where loads alone press it
 slide     of closed nodes on another body: how far they are along it from where their forces act on
           it, over the contact length (`largest_slide`); nothing where contact follows the motion
+second    what rotations of second order change of forces of contact and of the largest
+order     displacement (second_order.py)
 overlaps  boundaries without declared contact that penetrate, of two bodies or of one, by more than
           `TOUCH` of the smaller body's size; a gap that lets an obstacle, or another body, reach
           through the body, beside the mean of its length and height
 
-Limits: up to QUESTIONABLE errors of displacements and tractions from this stay within about a tenth
-(strain 0.1: 5 %; rotation 0.1: 0.5 % of all lengths and as much again as strain; a surface that
-is off by 1 % of the contact length is a load of about that strain; a normal off by 0.1 gives a
-tenth of the pressure as shear; by a slide of a tenth as much of a boundary carries what it should
-not, or lacks what it should). Beyond INVALID they may be anything.
+Limits, and what they stand for, are in limits.py.
 """
 
 from dataclasses import dataclass, field
@@ -34,41 +32,13 @@ from scipy.sparse.csgraph import connected_components
 
 from ..contact.nodes import TURN
 from ..contact.states import OPEN, ContactField
+from ..errors import NotConverged
 from ..feti.gathering import gather, joined
 from ..scene import elements
 from ..vectors import turned_left
-from . import swelling, true_distance
+from . import second_order, swelling, true_distance
+from .limits import FELT, INVALID, QUESTIONABLE, SPOT, TOUCH, UNPLACED, VERDICTS, WORDS
 from .small_strains import MEASURES, SmallStrains
-
-QUESTIONABLE = {"largest_strain": 0.1, "largest_rotation": 0.1, "largest_normal_error": 0.01,
-                "normal_turn": 0.1, "largest_slide": 0.1, "largest_swelling": 0.1, "overlaps": 0.0,
-                "gap": 0.5}
-INVALID = {"largest_strain": 0.3, "largest_rotation": 0.35, "largest_normal_error": 0.1,
-           "normal_turn": 0.35, "largest_slide": 1.0, "largest_swelling": 0.5, "overlaps": 0.02,
-           "gap": 2.0}
-SPOT = 1e-2
-TOUCH = 1e-3  # part of a body's size by which bodies may overlap unnoticed
-VERDICTS = ("ok", "questionable", "invalid")
-WORDS = {
-    "largest_strain": ("the strain is {:.2g}", "strains are assumed small",
-                       "apply smaller loads, or use a code for finite strains"),
-    "largest_rotation": ("the body turns by {:.2g} rad", "rotations are assumed small",
-                         "apply smaller loads, or use a code for large rotations"),
-    "largest_normal_error": ("a node in contact is away from the opposite surface by {:.2g} of the "
-                             "contact length", "contact is linear about the place before the load",
-                             "{remedy}"),
-    "normal_turn": ("a node in contact meets a surface that is turned by {:.2g} rad from the "
-                    "normal used", "contact is linear about the place before the load",
-                    "{remedy}"),
-    "largest_slide": ("a node in contact slides along the other body by {:.2g} of the contact "
-                      "length", "contact is linear about the place before the load", "{remedy}"),
-    "largest_swelling": ("{:.2g} of the body's compression comes from turning by {turn:.2g} rad",
-                         "rotations are assumed small",
-                         "let it turn less, or use a code for large rotations"),
-    "overlaps": ("{labels} overlap by {:.2g} of the body's size",
-                 "contact is not declared there", "declare contact there, or apply smaller loads"),
-    "gap": ("the {other} reaches through the body by {:.2g} of its size",
-            "contact starts with this overlap", "check sign and unit of the gap")}
 
 
 @dataclass
@@ -86,9 +56,10 @@ class Validity:
 
     def __init__(self, problem, contact):
         """`problem` a march.Problem, `contact` its ContactState."""
-        self.problem, self.structure = problem, problem.structure
+        self.problem, self.structure, self.solver = problem, problem.structure, contact.solver
         self.comm, self.boundary = problem.operator.comm, contact.boundary
         self.worst = {name: Worst() for name in QUESTIONABLE}
+        self.strained = 0.0  # as buckling.py has it
         self.overlaps = {}  # largest part of the size by pair of labels
         self.outline = np.zeros(problem.manifest.nodes, bool)
         ends = self.structure.outer_edges[:, :2]
@@ -124,12 +95,13 @@ class Validity:
         self.boundary = self.structure.contact.declared
         fields = operator.deformations(step.multipliers, step.weights)
         self._check_deformation(step, fields)
+        change = self._check_second_order(step, state, fields)
         place, moved = self._outline(operator.with_travel(fields, step.weights))
         if place is None:
             return
         if len(self.boundary.gid):
             self._check_contact(step, state, place, moved)
-            self._check_swelling(step, state, moved)
+            self._check_swelling(step, state, moved, change)
         passed = state[ContactField.U_N] - self.boundary.at(step.time).gap + self.boundary.behind
         self._check_overlaps(step, place, moved, passed[self.boundary.paired].max(initial=0.0))
 
@@ -152,6 +124,19 @@ class Validity:
             for g in (0, 1):
                 share = np.bincount(self.member, beyond[m, g])[self.member] / whole
                 self.parts[name][g] = max(self.parts[name][g], share.max())
+
+    def _check_second_order(self, step, state: dict, fields) -> second_order.Change | None:
+        status = state.get(ContactField.STATUS, np.zeros(0, int))
+        try:
+            found = second_order.Change.of(self.problem, self.solver, step, status, fields,
+                                           self.strained)
+        except NotConverged:  # a state that holds nothing
+            return None
+        for value, what in found.parts(self.boundary.label):
+            self.note("second_order", value, (), step.index, what=what)
+        part, self.strained = found.buckling
+        self.note("buckling", part, (), step.index)
+        return found
 
     def _outline(self, fields) -> tuple:
         """Places and displacements (nodes, 2) of the nodes of the outline on rank 0, else None."""
@@ -199,14 +184,18 @@ class Validity:
                 k = int(values.argmax())
                 self.note(name, values[k], xy[k], step.index, paired=bool(b.paired[here[0]]))
 
-    def _check_swelling(self, step, state: dict, moved: np.ndarray) -> None:
+    def _check_swelling(self, step, state: dict, moved: np.ndarray, change) -> None:
+        """As far as the `change` by finite rotations, where it is known, says that forces feel it:
+        a belt round a drum keeps those that pull at its ends.
+        """
         if self.problem.manifest.axisymmetric:  # whose sections are held by their hoops
             return
         partners, free = swelling.holders(self.structure, self.problem.manifest, self.member,
                                           self.body)
-        for value, more, place in swelling.of_bodies(self.boundary, state, moved, self.body,
-                                                     self.turns, partners, free):
-            self.note("largest_swelling", value, place, step.index, **more)
+        for value, nodes, more, place in swelling.of_bodies(self.boundary, state, moved, self.body,
+                                                            self.turns, partners, free):
+            felt = FELT * change.of_nodes(nodes) if change else np.inf
+            self.note("largest_swelling", min(value, felt), place, step.index, **more)
 
     def _followed(self, step, moved: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distances (n_c,) and the contact's normals (n_c, 2) about displacements (nodes, 2)."""
@@ -365,10 +354,11 @@ class Validity:
                  for name, w in worst.items()}
         grade |= {name: int((self.parts[name] > SPOT).sum()) for name in MEASURES}
         excess = {name: w.value / (QUESTIONABLE[name] or TOUCH) for name, w in worst.items()}
-        name = max(grade, key=lambda name: (grade[name], excess[name]))
+        # what others say says where, too
+        name = max(grade, key=lambda name: (grade[name], name not in UNPLACED, excess[name]))
         entry = {measure: worst[measure].value for measure in
                  ("largest_strain", "largest_rotation", "largest_normal_error", "normal_turn",
-                  "largest_slide", "largest_swelling")}
+                  "largest_slide", "largest_swelling", "second_order", "buckling")}
         entry |= {"overlaps": overlaps, "verdict": VERDICTS[grade[name]], "reason": ""}
         if grade[name]:
             entry["reason"] = self._reason(name, worst[name])
@@ -381,8 +371,8 @@ class Validity:
         if worst.more.get("paired") and self.boundary.about is None:
             remedies = "use largeSliding or LINEARIZATION=updated, or smaller loads"
         what = what.format(worst.value, **worst.more)
-        x, y = worst.place
-        return (f"{what} at ({x:.4g}, {y:.4g}) in step {worst.step}, but {granted}: "
+        where = " at ({:.4g}, {:.4g})".format(*worst.place) if worst.place else ""
+        return (f"{what}{where} in step {worst.step}, but {granted}: "
                 f"{remedy.format(remedy=remedies)}")
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..feti.gathering import largest
-from .assumptions import QUESTIONABLE
+from .limits import QUESTIONABLE
 
 
 def check(problem, first: float | None = None) -> None:

@@ -35,9 +35,9 @@ def holders(structure, manifest, member: np.ndarray,
 
 def of_bodies(boundary, state: dict, moved: np.ndarray, body: np.ndarray, turns: np.ndarray,
               partners: dict[int, list[int]], free: dict[int, list] | None = None
-              ) -> list[tuple[float, dict, np.ndarray]]:
-    """Of every body that contact holds: the part of its squeeze that comes of its turning, by how
-    much it turns, and where (2,) it is held.
+              ) -> list[tuple[float, np.ndarray, dict, np.ndarray]]:
+    """Of every body that contact holds: the part of its squeeze that comes of its turning, the
+    contact nodes (k,) that hold it, by how much it turns, and where (2,) it is held.
 
     `boundary` and `state` of the contact nodes, `moved` (nodes, 2) displacements, `body` (nodes,)
     numbers of the nodes' bodies, `turns` (bodies,) their mean rotations, `partners` the bodies that
@@ -69,7 +69,8 @@ def of_bodies(boundary, state: dict, moved: np.ndarray, body: np.ndarray, turns:
             direction = _direction(pressed)
             if sides.give_way(k, direction) or sides.give_way(k, -direction):
                 part = 0.0
-        found.append((part, {"turn": abs(float(turns[k]))}, xy[0]))
+        nodes = closed[np.concatenate([first, second])]
+        found.append((part, nodes, {"turn": abs(float(turns[k]))}, xy[0]))
     return found
 
 

@@ -200,6 +200,32 @@ def test_nodes_that_are_held_and_slide_without_wear_are_named(solved, named_scen
     assert len(said) == bool(held) and all(line.startswith(f"{held} contact") for line in said)
 
 
+RAMP = """include "scene.idp"
+body = square(8, 4, [4.*x, 2.*y + SLOPE*x]);
+bodyMaterial("a", 1000., 0.3);
+quasistatic(1.);
+macro load1() pressure(3, 5.) //
+macro displacement2() on(4, u1 = 0.01) //
+macro amplitude2(t) t //
+macro contact() 1 //
+macro friction() 0.3 //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("slope, lacking", [("1.", True), ("0.", False)])
+def test_a_node_without_friction_on_a_slanted_boundary_is_named(solved, named_scene, slope,
+                                                                lacking):
+    """A support leaves the corner (0, 0) one component; on a level boundary it prescribes how the
+    corner slides, and friction follows.
+    """
+    run = solved(named_scene("ramp", RAMP.replace("SLOPE", slope)), steps=2, subdomains=3)
+    assert run.status == 0, run.reason
+    said = [line for line in run.summary["warnings"] if line.startswith("no friction acts on")]
+    assert len(said) == lacking
+    assert all("1 contact node of a slanted boundary, the first at (0, 0)" in line for line in said)
+
+
 def test_loads_are_told_body_by_body(run_of):
     """Weight of the upper block alone, 2 mm by 1 mm; the traction pushes on the same one."""
     summary = run_of(BLOCKS.format(bottom=1.0, more="macro bodyForce2() "

@@ -1,5 +1,7 @@
 """Materials body by body: bodyMaterial against young and poisson by region, and misuse."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -248,3 +250,24 @@ def test_a_modulus_that_jumps_inside_triangles_is_said(exported, tmp_path, heigh
     path.write_text(LAYERS.replace("HEIGHT", height).replace("SOFT", soft))
     notes = read_manifest(exported(path)).notes
     assert any(note.startswith("young jumps") for note in notes) == said and len(notes) == said
+
+
+@pytest.mark.parametrize("cut", ["2x1", "2"])
+@pytest.mark.parametrize("height, mixed", [("0.4", 0), ("0.5", 20)])
+def test_how_many_triangles_a_jump_crosses_is_said_of_rectangles_too(exported, tmp_path, cut,
+                                                                     height, mixed):
+    """Of five rows of ten cells the middle one, y from 0.4 to 0.6, has the jump in all triangles;
+    pieces cut alike have no mesh of the whole.
+    """
+    text = LAYERS[:LAYERS.index("border")] + "rectangle(0., 2., 0., 1.);\n" + LAYERS[
+        LAYERS.index("macro"):]
+    path = tmp_path / "rows.edp"
+    path.write_text(text.replace("HEIGHT", height).replace("SOFT", "1e2"))
+    notes = read_manifest(exported(path, cells=5, subdomains=cut)).notes
+    assert len(notes) == (mixed > 0)
+    for note in notes:
+        words = r"inside (\d+) triangles, the first at \((.*), (.*)\)"
+        count, x, y = re.search(words, note).groups()
+        # the graph partition of a rectangle has cells of its own size
+        assert int(count) == mixed if cut == "2x1" else 0 < int(count) < 40
+        assert 0 < float(x) < 0.3 and abs(float(y) - 0.5) < 0.1

@@ -7,7 +7,9 @@ import pytest
 
 from driver.contact.states import OPEN, SLIP, ContactField
 from driver.feti.rigid_modes import RigidMode
+from driver.files import read_table
 from driver.validity import swelling
+from driver.validity.limits import QUESTIONABLE
 from driver.vectors import turned_left
 
 PLACES = np.array([[-0.1, -1.0], [0.1, -1.0], [-0.2, 1.0], [0.2, 1.0]])
@@ -71,10 +73,10 @@ def test_the_second_body_of_a_pair_is_held_by_it_too():
     field[[0, 1]], field[[4, 5]] = u[:2], other
     body, turns = np.array([0, 0, 0, 0, 1, 1]), np.array([turn, 0.01])
     found = swelling.of_bodies(b, state, field, body, turns, {7: [0]})
-    (lower, more, _), (upper, _, _) = found
+    (lower, nodes, more, _), (upper, *_) = found
     # by forces of 0.5 and 1.5 the upper body is deformed by -0.05 and 0.05 beside its mean
     assert lower == pytest.approx(turn**2 / (squeeze + 0.025)) and more == {"turn": turn}
-    assert upper == 0.0
+    assert upper == 0.0 and nodes.tolist() == [0, 1, 2, 3]
     state[ContactField.STATUS][2:] = OPEN
     assert [part for part, *_ in swelling.of_bodies(b, state, field, body, turns, {7: [0]})] == [0]
 
@@ -186,3 +188,32 @@ def test_a_roller_between_plates_is_judged(solved, tmp_path, turn, verdict):
     force = -run.history["resultant_n"]
     before = force[np.argmin(np.abs(run.history["time"] - 1.0))]
     assert (1 - before / force[-1] > share / 2) == bool(turn)
+
+
+BELT = """include "scene.idp"
+real R = 50., F = 0.3;
+units("mm", "MPa");
+body = square(52, 2, [(R + y)*cos(pi*(1 - x)), (R + y)*sin(pi*(1 - x))]);
+macro young() 20000. //
+macro poisson() 0.3 //
+macro load1() traction(4, 0., -10.) //
+macro displacement2() on(2, u2 = -1.) //
+macro contact() 1 //
+macro obstacle(x, y) (sqrt(x^2 + y^2) - R) //
+macro friction() F //
+macro probeLabels() [2] //
+include "export.idp"
+"""
+
+
+def test_a_belt_is_not_squeezed_by_its_drum(solved, tmp_path):
+    """It goes round by 1/50, which presses it on the drum no more than the forces at its ends do:
+    T2 = T1 exp(F pi), which is true on a mesh of 52 chords to some hundredths.
+    """
+    (tmp_path / "belt.edp").write_text(BELT)
+    run = solved(str(tmp_path / "belt.edp"))
+    force, = read_table(run.directory / "probes.csv")["force_y"]
+    assert -force == pytest.approx(10 * np.exp(0.3 * np.pi), rel=0.05)
+    valid = run.summary["validity"]
+    assert valid["verdict"] == "ok" and 0.0 < valid["largest_swelling"] < QUESTIONABLE[
+        "largest_swelling"]

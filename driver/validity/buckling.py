@@ -1,0 +1,82 @@
+"""Which part of the loads at which bodies buckle the loads of a step are.
+
+The stress s of a step changes the stiffness K by G, v' G w = int s : Q(grad v, grad w) with Q of
+second_order.py: K + mu G is singular where 1/mu is an eigenvalue of -K^-1 G, and the largest of
+these is the part of the buckling load that has been reached, with contact as it is at the end of
+the step. It is sought in a Krylov space of a few vectors, from forces that are smooth and have no
+symmetry: a lower bound, mostly within some hundredths. A straight strut shows nothing of it in its
+displacements.
+
+The first of the vectors, by which bodies give way most, mostly tells by its Rayleigh quotient that
+nothing is near its buckling load: then it is the only one. Bodies that contact alone keeps from
+turning are not looked at: they roll, and other points carry their forces then.
+"""
+
+import numpy as np
+
+from .finite_rotations import Triangles, turning
+
+VECTORS = 6
+SLIGHT = 0.02  # quotient of the first vector with which it is the only one
+MORE = 1.2  # times the stresses of a step that was looked at, for another one to be
+DEPENDENT = 1e-10  # part of the largest of the space's eigenvalues that is rounding
+
+
+def reached(frozen, structure, fields: list[np.ndarray], before: float) -> tuple[float, float]:
+    """Part of the buckling load in the step of a FrozenState with displacements `fields` (dofs,) of
+    the local subdomains, and how much bodies are strained, to be given as `before` for another
+    step; 0 where none is strained by more than before. Collective.
+    """
+    weights, bodies = frozen.step.weights, structure.travel.bodies
+    if any(abs(mode.rotation) * bodies.size.max() > DEPENDENT for mode in structure.rigid_modes):
+        return 0.0, before
+    triangles = [Triangles(sub) for sub in structure.subdomains]
+    stresses = [of.of_run(of.gradient(u), u, weights) for of, u in zip(triangles, fields)]
+    sums = np.zeros((2, structure.total))  # volume, and the square of a strain in it
+    for of, stress in zip(triangles, stresses):
+        sums[:, of.sub.index] = of.share.sum(), of.work(stress / of.law[0, 0]**2, stress)
+    volume, square = (np.bincount(bodies.number, values, len(bodies.size))
+                      for values in frozen.operator.comm.allreduce(sums))
+    strain = float(np.sqrt(square / np.where(volume > 0, volume, np.inf)).max(initial=0.0))
+    if strain <= MORE * before:
+        return 0.0, before
+    return _largest(frozen, triangles, stresses, bodies.size.max()), strain
+
+
+def _largest(frozen, triangles: list, stresses: list, size: float) -> float:
+    """The largest eigenvalue that the Krylov space of forces over a length `size` finds."""
+    total = frozen.operator.structure.total
+
+    def softened(w: list) -> list:
+        return [-of.nodal(0.0 * stress, turning(stress, of.gradient(v)))
+                for of, stress, v in zip(triangles, stresses, w)]
+
+    force, answers, forces, changed = [of.uneven_forces(size) for of in triangles], [], [], []
+    for k in range(VECTORS):
+        _, w = frozen.under(force)
+        norm = np.sqrt(abs(_work(frozen, triangles, force, w, total))) or 1.0
+        answers.append([v / norm for v in w])
+        forces.append([f / norm for f in force])
+        force = softened(answers[-1])
+        changed.append(force)
+        if k == 0:
+            quotient = _work(frozen, triangles, force, answers[0], total)
+            if quotient <= SLIGHT:
+                return max(quotient, 0.0)
+    stiff, soft = (np.array([[_work(frozen, triangles, f, w, total) for f in of] for w in answers])
+                   for of in (forces, changed))
+    values, vectors = np.linalg.eigh((stiff + stiff.T) / 2)
+    kept = values > DEPENDENT * values.max(initial=0.0)
+    if not kept.any():
+        return 0.0
+    base = vectors[:, kept] / np.sqrt(values[kept])
+    return float(max(np.linalg.eigvalsh(base.T @ (soft + soft.T) @ base / 2).max(), 0.0))
+
+
+def _work(frozen, triangles: list, force: list, w: list, total: int) -> float:
+    """Of forces (dofs,) of the local subdomains on displacements (dofs,), for any number of ranks.
+    """
+    work = np.zeros(total)
+    for of, f, v in zip(triangles, force, w):
+        work[of.sub.index] = f @ v
+    return float(frozen.operator.comm.allreduce(work).sum())
