@@ -18,7 +18,7 @@ from ..vectors import turned_left
 from . import Effect, RunFacts, entry
 
 FACING = 0.1  # cosine between the node's normal and the obstacle's below which they do not meet
-EVEN = 1e-9  # part of the body's size by which the gap of an even obstacle may vary
+EVEN = 1e-9  # part of the size of the boundaries below which a difference of distances is rounding
 
 
 class Room(Effect):
@@ -87,7 +87,8 @@ def _distance(phi: np.ndarray, slope: np.ndarray, nodes, times: np.ndarray) -> n
     size = np.linalg.norm(slope, axis=-1)
     size = np.where(size > 0, size, 1.0)
     facing = -(slope * nodes.normal).sum(axis=-1) / size
-    behind = (facing < FACING) & (phi < 0) & (nodes.family == 0)
+    extent = np.ptp(nodes.xy, axis=0).max(initial=0.0)
+    behind = (facing < FACING) & (phi < -EVEN * extent * size) & (nodes.family == 0)
     if behind.any():
         k, node = np.argwhere(behind)[0]
         x, y = nodes.xy[node]

@@ -510,3 +510,31 @@ def test_a_way_through_the_air_wears_no_friction_down(solved, named_scene):
     largest = np.abs(c["sigma_n"]).max()
     for name in ("sigma_n", "sigma_t", "bound"):
         np.testing.assert_allclose(c[name], stood.contact[name], rtol=0, atol=1e-7 * largest)
+
+
+BOX = """include "scene.idp"
+quasistatic(1.);
+real turn = physical("turn", 0.)*pi/180., c = cos(turn), s = sin(turn);
+int[int] sides = [1, 1, 3, 1];
+body = movemesh(square(3, 2, [1.5*x, y], label = sides), [c*x - s*y, s*x + c*y]);
+macro young() 100. //
+macro poisson() 0.3 //
+macro displacement1() on(3, u1 = 0.01*s, u2 = -0.01*c) //
+macro amplitude1(t) t //
+macro contact() 1 //
+macro obstacle(x, y) (c*(y) - s*(x)) //
+macro obstacleX(t) (0.01*c*t) //
+macro obstacleY(t) (0.01*s*t) //
+macro tresca() 0.1 //
+include "export.idp"
+"""
+
+
+def test_sides_along_which_an_obstacle_moves_keep_their_normals_wherever_they_are_turned_to(
+        solved, scene):
+    """They stand at a right angle to it, but for rounding, and end on it, but for rounding."""
+    path = scene(BOX)
+    found = [[run.summary["quantities"][name] for name in ("normal_resultant",
+                                                           "tangential_resultant")]
+             for run in (solved(path, turn=turn, steps=2) for turn in (0, 13, 37, 45))]
+    np.testing.assert_allclose(found, [found[0]] * 4, rtol=1e-6)
