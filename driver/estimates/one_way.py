@@ -1,10 +1,11 @@
 """Coarser meshes whose elements are longer in one direction alone, as across a thin body.
 
 Where a scene keeps a cell or two across a thickness, whatever the size, meshes differ by what
-elements along it make, and agree on what those across make. The error in energy, of which smoothed
-stresses on the run's own mesh see two thirds, has both: its square is what a functional of the
-whole errs by, as the compliance does. No less is claimed. Adjoint problems see it likewise: this is
-for quantities without.
+elements along it make, and agree on what those across make. It is enough that the two coarsest
+meshes do: the finest one then differs by more, as it has more cells across. The error in energy, of
+which smoothed stresses on the run's own mesh see two thirds, has both: its square is what a
+functional of the whole errs by, as the compliance does. No less is claimed. Adjoint problems see it
+likewise: this is for quantities without.
 """
 
 from ..quantity_table import LOCAL, QUANTITIES
@@ -17,13 +18,14 @@ BOTH = 1.5
 
 
 def one_way(problems: list, ratios: list[float]) -> bool:
-    """Whether the next coarser of the `problems`, finest first, is coarser in one direction alone;
-    collective.
+    """Whether any of the `problems`, finest first, is coarser than the one before in one direction
+    alone; collective.
+
+    If it is the coarsest alone the two differences are of unlike errors, and tell no order.
     """
-    if len(problems) < 2:
-        return False
-    fine, coarse = (elements(problem)[0] for problem in problems[:2])
-    return fine < coarse * ratios[0] ** BOTH
+    counts = [elements(problem)[0] for problem in problems]
+    return any(fine < coarse * ratio ** BOTH
+               for fine, coarse, ratio in zip(counts, counts[1:], ratios))
 
 
 def with_other_way(parts: dict[str, Part], values: dict, energy: float,
