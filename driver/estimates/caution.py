@@ -39,7 +39,12 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
   friction at its bound, and agree;
 - for the work of friction where the largest slip may be nothing but its own error: neither is sure;
 - where the coarsest mesh has so few nodes in contact that they tell nothing of it: an order with it
-  may be chance, and no less is claimed than by the two other meshes alone;
+  may be chance, and no less is claimed than by the two other meshes alone, if no adjoint problem
+  holds the quantity from both sides;
+- where meshes tell no order of a displacement that no adjoint problem holds: no less is claimed
+  than about the square of the error in energy, as both errors of a functional would be;
+- where slip wanders from mesh to mesh and sticks at the end, so that adjoint problems tell of other
+  quantities alone;
 - where resultants and displacements change more and more from mesh to mesh, to and fro or one way,
   as where contact opens elsewhere on each: not less than a mean of what the adjoint problem says
   and of the last change;
@@ -64,7 +69,7 @@ import numpy as np
 from ..quantity_table import HELD, LOCAL, QUANTITIES, SUMMED
 from ..results.touch import Touch
 from . import sharp_ends
-from .adjoint import held
+from .adjoint import SEES, held
 from .budget import (SAFETY, UNSETTLED, Part, extrapolate, formal_order, located,
                      observed_order)
 from .free_peak import Peaks, exceeded
@@ -164,12 +169,15 @@ class Caution:
                   for name, part in parts.items() if name != LENGTH}
         if 0 < min((touch.nodes for touch in touches[2:]), default=0) < fewest(self.element):
             parts |= {name: located(part, extrapolate(changes[name][:1], ratios, np.inf, 0.0).error)
-                      for name, part in parts.items() if name not in (LENGTH, *self.sizes)}
+                      for name, part in parts.items()
+                      if name != LENGTH and (name not in self.sizes or self._unseen(name))}
         if self._grazes(parts, [coarse for _, coarse in runs]):
             unknown = Part(None, note=GRAZES)
             return dict.fromkeys(parts, unknown) | {WAY: parts[WAY]}
         if WAY in values:
-            parts[WAY] = self._square(parts[WAY], abs(values[WAY]))
+            formal = formal_order("mesh", self.element, WAY, self.chords)
+            alone = WAY not in self.sizes and not self._told(parts[WAY], changes[WAY], formal)
+            parts[WAY] = self._square(parts[WAY], abs(values[WAY]), alone)
             if 0 < self.touch.round < PRESSING:  # their places, of sides beside the whole
                 share = min(1.0, self.touch.edges / self.length)
                 parts[WAY] = located(parts[WAY], share * abs(values[WAY]))
@@ -220,16 +228,17 @@ class Caution:
         most = self.touch.uncertain(way, self.energy) + shape
         return replace(part, error=min(part.error, most))
 
-    def _square(self, part: Part, size: float) -> Part:
+    def _square(self, part: Part, size: float, alone: bool) -> Part:
         """Part of the largest displacement `size`, beside the square of a large error in energy.
 
         That is what a displacement under the loads errs by, whatever coarse meshes and adjoint
         problems, of smoothed stresses, agree on; others may err by less. Between both, so that what
-        supports prescribe has no error.
+        supports prescribe has no error. So it is of any error in energy where it stands `alone`, as
+        neither an order nor an adjoint problem tells of the displacement.
         """
-        if part.error is None or self.energy <= ROUGH:
+        if part.error is None or not (alone or self.energy > ROUGH):
             return part
-        square = COMPLIANCE * self.energy**2 * size
+        square = COMPLIANCE * (self.energy / (SEES if alone else 1.0))**2 * size
         least = min(square, BETWEEN * float(np.sqrt(part.error * square)))
         return located(part, least)
 
@@ -296,7 +305,9 @@ class Caution:
         if name in self.given:  # the error of the loads, which a polygon errs by at most
             return extrapolate(changes, ratios, formal_order("mesh", self.element, name,
                                                              self.chords), value, True, pair=FAST)
-        caution = quantity.caution if self.sizes or name not in (*HELD, SLIP) else SAFETY
+        # one of its own tells of a slip that wanders from mesh to mesh, those of others do not
+        known = self.sizes and (name in self.sizes or name != SLIP or not _wander(changes, ratios))
+        caution = quantity.caution if known or name not in (*HELD, SLIP) else SAFETY
         estimated = np.isfinite(most)
         if estimated and (name in (WORK, LENGTH) or name == SLIP and self.touch.way_at_end):
             caution = SAFETY  # nodes beside a sharp end differ by far less than it errs
@@ -315,12 +326,15 @@ class Caution:
         part = max(found, key=lambda part: part.error or 0.0)
         return located(part, (self.touch.open or {}).get(name, 0.0))
 
+    def _unseen(self, name: str) -> bool:
+        """Whether a quantity errs by what its adjoint problem, if there is one, does not see."""
+        return (self.chords or self.touch.lone > LONE
+                or self.touch.earlier and name in LEFT)
+
     def _held(self, name: str, part: Part, changes: list, ratios: list, told: bool) -> Part:
         """The part within what adjoint problems leave; `told`: whether meshes tell an order."""
         part = self._doubted(part, told)
-        unseen = (self.chords or self.touch.lone > LONE
-                  or self.touch.earlier and name in LEFT)
-        slack = np.inf if unseen else self.stiff  # for what smoothed stresses do not see
+        slack = np.inf if self._unseen(name) else self.stiff  # for what smoothed stresses miss
         told |= name not in HELD and (name != SLIP or len(changes) > 1)
         part = held(name, part, self.sizes.get(name), slack, told, self.seen,
                     self.element == "P1")
@@ -356,6 +370,11 @@ def _grow(changes: list, ratios: list[float]) -> bool:
     if len(changes) < 2 or changes[0] * changes[1] == 0:
         return False
     return observed_order(abs(changes[0]), abs(changes[1]), *ratios[:2]) <= NO_ORDER
+
+
+def _wander(changes: list, ratios: list[float]) -> bool:
+    """Whether changes from mesh to mesh turn back and hardly fall."""
+    return len(changes) > 1 and changes[0] * changes[1] < 0 and _grow(changes, ratios)
 
 
 def _unsure(values: dict, parts: dict) -> bool:
