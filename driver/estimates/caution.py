@@ -75,6 +75,7 @@ from .budget import (SAFETY, UNSETTLED, Part, extrapolate, formal_order, located
 from .free_peak import Peaks, exceeded
 
 LOCKED = 2.0  # lambda / mu (Poisson's ratio 1/3) from which linear elements are too stiff
+BY_FAR = 2.0  # factor of caution from which they are too stiff by far, Poisson's ratio 0.444
 ROUGH, STEEP = 0.25, 2.0  # relative error in energy from which caution grows, and how fast
 LENGTH, PEAK = "contact_length", "peak_pressure"
 FORCE, SHEAR_FORCE = "normal_resultant", "tangential_resultant"
@@ -183,7 +184,7 @@ class Caution:
                 parts[WAY] = located(parts[WAY], share * abs(values[WAY]))
         if LENGTH in values:
             parts[LENGTH] = self._ended(parts[LENGTH], parts[WAY].error, _shape(touches, ratios))
-            parts[LENGTH] = self._between(parts[LENGTH], changes[LENGTH])
+            parts[LENGTH] = self._between(parts[LENGTH], changes[LENGTH], abs(values[WAY]))
             parts[LENGTH] = located(parts[LENGTH], self.touch.lighter(LIGHT * self.energy))
         if len(runs) == 1 and FORCE in parts:
             parts[FORCE] = self._of_two(parts[FORCE], changes[FORCE][0], abs(values[FORCE]))
@@ -242,7 +243,7 @@ class Caution:
         least = min(square, BETWEEN * float(np.sqrt(part.error * square)))
         return located(part, least)
 
-    def _between(self, part: Part, changes: list) -> Part:
+    def _between(self, part: Part, changes: list, way: float) -> Part:
         """Part of the contact length, between what meshes say and what nodes do.
 
         Meshes differ by where their nodes lie, more than they err; the nodes of one mesh do not see
@@ -250,13 +251,19 @@ class Caution:
         by less. At least half of what meshes say stays: a claim that they made rightly is still
         half of the error where contact elsewhere is not what its ends know. Nor is it less than the
         doubt itself, and that by its factor where meshes tell no order: they may agree by chance.
+        So may meshes of too stiff elements on boundaries that stay open, nearer to contact than
+        their displacements err, of which the largest is a `way`.
         """
         doubt = self.touch.doubt
-        if part.error is None or doubt <= 0:
+        if part.error is None:
+            return part
+        told = self._told(part, changes, formal_order("mesh", self.element, LENGTH, self.chords))
+        if self.stiff >= BY_FAR and not told and self.touch.nodes:
+            part = located(part, self.touch.near(self.energy * way))
+        if doubt <= 0:
             return part
         mean = BETWEEN * float(np.sqrt(part.error * doubt))
         error = min(part.error, max(part.error / 2, mean))
-        told = self._told(part, changes, formal_order("mesh", self.element, LENGTH, self.chords))
         least = max(doubt if told else BETWEEN * doubt, (self.touch.open or {}).get(LENGTH, 0.0))
         return located(replace(part, error=error), least)
 

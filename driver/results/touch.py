@@ -87,12 +87,16 @@ class Touch:
         mean = self.pressure @ self.length / max(self.length.sum(), 1e-300)
         return float(self.length[self.pressure < part * mean].sum())
 
+    def near(self, way: float) -> float:
+        """Length of boundary that does not touch, of nodes apart by less than `way`."""
+        opening, length = self.beside.T
+        return float(length[opening < way].sum())
+
     def uncertain(self, way: float, part: float) -> float:
         """Length of boundary that may be in contact or not: that of nodes apart by less than `way`
         or under less than a `part` of the mean pressure, and the sides in which contact ends.
         """
-        opening, length = self.beside.T
-        return float(length[opening < way].sum() + self.lighter(part) + self.edges)
+        return self.near(way) + self.lighter(part) + self.edges
 
 
 def _at_ends(nodes: dict, pieces: list, steps: dict, index: int) -> np.ndarray:
