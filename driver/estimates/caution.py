@@ -39,8 +39,8 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
   friction at its bound, and agree;
 - for the work of friction where the largest slip may be nothing but its own error: neither is sure;
 - where the coarsest mesh has so few nodes in contact that they tell nothing of it: an order with it
-  may be chance, and no less is claimed than by the two other meshes alone, if no adjoint problem
-  holds the quantity from both sides;
+  may be chance, and no less is claimed than by the two other meshes alone: of quantities without
+  an adjoint problem, and of displacements that theirs holds from below alone;
 - where meshes tell no order of a displacement that no adjoint problem holds: no less is claimed
   than about the square of the error in energy, as both errors of a functional would be;
 - where slip wanders from mesh to mesh and sticks at the end, so that adjoint problems tell of other
@@ -171,7 +171,8 @@ class Caution:
         if 0 < min((touch.nodes for touch in touches[2:]), default=0) < fewest(self.element):
             parts |= {name: located(part, extrapolate(changes[name][:1], ratios, np.inf, 0.0).error)
                       for name, part in parts.items()
-                      if name != LENGTH and (name not in self.sizes or self._unseen(name))}
+                      if name != LENGTH and (name not in self.sizes
+                                             or name == WAY and self._unseen(name))}
         if self._grazes(parts, [coarse for _, coarse in runs]):
             unknown = Part(None, note=GRAZES)
             return dict.fromkeys(parts, unknown) | {WAY: parts[WAY]}
