@@ -170,8 +170,8 @@ def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
     place between two nodes where FEW nodes are in contact; where there are more by less in
     proportion, as meshes tell: of slip where more have slid, as it is zero wherever all stick, but
     not where it is largest at the last node before a sharp end of contact: it grows on from there
-    to a place between nodes. Of contact that may end before the boundary meshes that all close its last node
-    tell nothing. The largest pressure by how far it stands out from its neighbours, see
+    to a place between nodes. Of contact that may end before the boundary meshes that all close its
+    last node tell nothing. The largest pressure by how far it stands out from its neighbours, see
     `_standing_out`.
     """
     touching = steps["status"][: index + 1] != OPEN
