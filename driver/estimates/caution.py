@@ -40,7 +40,8 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
 - for the work of friction where the largest slip may be nothing but its own error: neither is sure;
 - where the coarsest mesh has so few nodes in contact that they tell nothing of it: an order with it
   may be chance, and no less is claimed than by the two other meshes alone: of quantities without
-  an adjoint problem, and of displacements that theirs holds from below alone;
+  an adjoint problem, and of displacements that theirs holds from below alone; pressures, a force
+  over the length of a node, are claimed by the two others alone if no order is told;
 - where meshes tell no order of a displacement that no adjoint problem holds: no less is claimed
   than about the square of the error in energy, as both errors of a functional would be;
 - where slip wanders from mesh to mesh and sticks at the end, so that adjoint problems tell of other
@@ -70,9 +71,10 @@ from ..quantity_table import HELD, LOCAL, QUANTITIES, SUMMED
 from ..results.touch import Touch
 from . import sharp_ends
 from .adjoint import SEES, held
-from .budget import (SAFETY, UNSETTLED, Part, extrapolate, formal_order, located,
+from .budget import (SAFETY, UNSETTLED, Part, enlarged, extrapolate, formal_order, located,
                      observed_order)
 from .free_peak import Peaks, exceeded
+from .polygons import too_short
 
 LOCKED = 2.0  # lambda / mu (Poisson's ratio 1/3) from which linear elements are too stiff
 BY_FAR = 2.0  # factor of caution from which they are too stiff by far, Poisson's ratio 0.444
@@ -165,10 +167,13 @@ class Caution:
             WORK: over, SLIP: sharp_ends.order_of_way(self.touch, over)}
         parts = {name: self._part(name, changes[name], ratios, value, name in singular,
                                   orders.get(name, np.inf)) for name, value in values.items()}
+        few = 0 < min((touch.nodes for touch in touches[2:]), default=0) < fewest(self.element)
+        if few and PEAK in parts and PEAK not in singular:
+            parts[PEAK] = self._of_few(parts[PEAK], changes[PEAK], ratios, values[PEAK])
         more = max(lost[:2], default=0.0)
-        parts |= {name: _enlarged(part, more * abs(values[name]))
+        parts |= {name: enlarged(part, more * abs(values[name]))
                   for name, part in parts.items() if name != LENGTH}
-        if 0 < min((touch.nodes for touch in touches[2:]), default=0) < fewest(self.element):
+        if few:
             parts |= {name: located(part, extrapolate(changes[name][:1], ratios, np.inf, 0.0).error)
                       for name, part in parts.items()
                       if name != LENGTH and (name not in self.sizes
@@ -184,7 +189,7 @@ class Caution:
                 share = min(1.0, self.touch.edges / self.length)
                 parts[WAY] = located(parts[WAY], share * abs(values[WAY]))
         if LENGTH in values:
-            parts[LENGTH] = self._ended(parts[LENGTH], parts[WAY].error, _shape(touches, ratios))
+            parts[LENGTH] = self._ended(parts[LENGTH], parts[WAY].error, too_short(touches, ratios))
             parts[LENGTH] = self._between(parts[LENGTH], changes[LENGTH], abs(values[WAY]))
             parts[LENGTH] = located(parts[LENGTH], self.touch.lighter(LIGHT * self.energy))
         if len(runs) == 1 and FORCE in parts:
@@ -268,6 +273,13 @@ class Caution:
         least = max(doubt if told else BETWEEN * doubt, (self.touch.open or {}).get(LENGTH, 0.0))
         return located(replace(part, error=error), least)
 
+    def _of_few(self, part: Part, changes: list, ratios: list, value: float) -> Part:
+        """Part of the largest pressure; a mesh with few nodes, each its force over a length, counts
+        if it tells an order.
+        """
+        told = self._told(part, changes, formal_order("mesh", self.element, PEAK, self.chords))
+        return part if told else self._part(PEAK, changes[:1], ratios, value, False, np.inf)
+
     def _of_two(self, part: Part, change: float, force: float) -> Part:
         """Part of the pressing force, which two meshes may agree on by chance: if no adjoint
         problem holds it no less than both errors of a functional leave, unless balance gives it.
@@ -313,7 +325,7 @@ class Caution:
         if name in self.given:  # the error of the loads, which a polygon errs by at most
             return extrapolate(changes, ratios, formal_order("mesh", self.element, name,
                                                              self.chords), value, True, pair=FAST)
-        # one of its own tells of a slip that wanders from mesh to mesh, those of others do not
+        # of a slip that wanders from mesh to mesh its own tells, those of others do not
         known = self.sizes and (name in self.sizes or name != SLIP or not _wander(changes, ratios))
         caution = quantity.caution if known or name not in (*HELD, SLIP) else SAFETY
         estimated = np.isfinite(most)
@@ -356,21 +368,6 @@ class Caution:
         """Whether changes, without turning back, tell an order that there may be."""
         falls = len(changes) > 1 and changes[0] * changes[1] > 0
         return falls and part.order is not None and slowest < part.order <= formal
-
-
-def _shape(touches: list[Touch], ratios: list[float]) -> float:
-    """Error of the length of the contact boundaries: straight sides on a curve are too short, in
-    the second order of their length.
-    """
-    if len(touches) < 2:
-        return 0.0
-    return SAFETY * abs(touches[0].whole - touches[1].whole) / (ratios[0] ** 2 - 1)
-
-
-def _enlarged(part: Part, more: float) -> Part:
-    """A part, known or not, by `more` larger."""
-    error = None if part.error is None else part.error + more
-    return replace(part, error=error)
 
 
 def _grow(changes: list, ratios: list[float]) -> bool:

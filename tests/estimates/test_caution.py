@@ -359,6 +359,22 @@ def test_few_nodes_on_the_coarsest_mesh_tell_no_order(name, adjoint):
     assert more < 0.5 * PAIR * change
 
 
+@pytest.mark.parametrize("pressures, last, two", [
+    ((10.0, 10.2, 17.0), 4, True), ((10.0, 10.2, 9.0), 4, True), ((10.0, 10.2, 17.0), 5, False),
+    ((10.0, 10.2, 10.5), 4, False)])
+def test_a_mesh_with_few_nodes_in_contact_tells_no_pressure(pressures, last, two):
+    """A ring in a cone, whose two nodes in contact press twice as much: 43 % were claimed for a
+    pressure that errs by 1.5 %. Two meshes tell then, but where all three show an order.
+    """
+    values = {"peak_pressure": pressures, "displacement": power(2.0)}
+    touches = [Touch(nodes=nodes, open={}) for nodes in (20, 10, last)]
+    found, known = (of({name: of_meshes[:count] for name, of_meshes in values.items()},
+                       touch=touches[0], touches=touches[:count])["peak_pressure"].error
+                    for count in (3, 2))
+    assert known == pytest.approx(PAIR * 0.2)
+    assert (found == known) == two
+
+
 @pytest.mark.parametrize("stiff, least", [(4.9, 2.0), (1.4, 0.0)])
 def test_a_boundary_that_stays_open_on_meshes_of_too_stiff_elements_may_touch(stiff, least):
     """A bush of rubber, nu = 0.49, on a shaft: with linear elements three meshes agreed that all of
