@@ -47,8 +47,8 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
 - where slip wanders from mesh to mesh and sticks at the end, so that adjoint problems tell of other
   quantities alone;
 - where resultants and displacements change more and more from mesh to mesh, to and fro or one way,
-  as where contact opens elsewhere on each: not less than a mean of what the adjoint problem says
-  and of the last change;
+  as where contact opens elsewhere on each, or where two meshes have a sharp end of contact: not
+  less than a mean of what the adjoint problem says and of the last change;
 - for loads that jump inside edges, which quadrature sees in part (validity/soundness.py): by as
   much more as those of the run's mesh, or of the next one, may err;
 - for displacements where a node or two of a round boundary carry all: their force acts where a
@@ -342,7 +342,7 @@ class Caution:
         slowest = NO_ORDER if self.sizes and name in HELD else min(least, formal)
         told = {self._told(part, changes, formal + above, slowest)
                 for above in (0.0, ABOUT * estimated)}
-        found = [self._held(name, part, changes, ratios, each) for each in told]
+        found = [self._held(name, part, changes, ratios, each, estimated) for each in told]
         part = max(found, key=lambda part: part.error or 0.0)
         return located(part, (self.touch.open or {}).get(name, 0.0))
 
@@ -351,15 +351,19 @@ class Caution:
         return (self.chords or self.touch.lone > LONE
                 or self.touch.earlier and name in LEFT)
 
-    def _held(self, name: str, part: Part, changes: list, ratios: list, told: bool) -> Part:
-        """The part within what adjoint problems leave; `told`: whether meshes tell an order."""
+    def _held(self, name: str, part: Part, changes: list, ratios: list, told: bool,
+              sharp: bool) -> Part:
+        """The part within what adjoint problems leave; `told`: whether meshes tell an order,
+        `sharp`: an end is, where smoothed stresses see less of an error.
+        """
         part = self._doubted(part, told)
         slack = np.inf if self._unseen(name) else self.stiff  # for what smoothed stresses miss
         told |= name not in HELD and (name != SLIP or len(changes) > 1)
         part = held(name, part, self.sizes.get(name), slack, told, self.seen,
                     self.element == "P1")
         alone = name in self.sizes and not told  # the adjoint problem speaks
-        if part.error is not None and alone and _grow(changes, ratios):
+        apart = _grow(changes, ratios) or sharp and len(changes) == 1
+        if part.error is not None and alone and apart:
             part = located(part, BETWEEN * float(np.sqrt(part.error * abs(changes[0]))))
         return part
 
