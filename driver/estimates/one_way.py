@@ -8,9 +8,12 @@ functional of the whole errs by, as the compliance does. No less is claimed. Adj
 likewise: this is for quantities without.
 """
 
+import numpy as np
+
 from ..quantity_table import LOCAL, QUANTITIES
 from .adjoint import SEES
 from .budget import Part, located
+from .caution import BETWEEN
 from .mesh_counts import elements
 
 # power of the sides' ratio by which the number of triangles falls: 2 in all directions, 1 in one
@@ -29,11 +32,19 @@ def one_way(problems: list, ratios: list[float]) -> bool:
 
 
 def with_other_way(parts: dict[str, Part], values: dict, energy: float,
-                   given: set[str]) -> dict[str, Part]:
+                   given: set[str], coarsest: bool = False) -> dict[str, Part]:
     """The `parts` of `values`, no less than the square of the relative error in `energy` but for
     places and pressures; what loads have `given` has no part in it.
+
+    `coarsest`: it is the coarsest mesh alone. The finer ones then differ by a part of what elements
+    across make, and what they agree on errs by less: between both.
     """
-    least = (energy / SEES) ** 2
+    square = (energy / SEES) ** 2
+
+    def least(name: str) -> float:
+        size, error = square * abs(values[name]), parts[name].error
+        return min(size, BETWEEN * np.sqrt((error or 0.0) * size)) if coarsest else size
+
     wide = {name for name in parts.keys() - given if QUANTITIES[name].kind != LOCAL}
     wide |= {"slip"} & parts.keys()  # a displacement
-    return parts | {name: located(parts[name], least * abs(values[name])) for name in wide}
+    return parts | {name: located(parts[name], float(least(name))) for name in wide}
