@@ -257,15 +257,16 @@ class Caution:
         by less. At least half of what meshes say stays: a claim that they made rightly is still
         half of the error where contact elsewhere is not what its ends know. Nor is it less than the
         doubt itself, and that by its factor where meshes tell no order: they may agree by chance.
-        So may meshes of too stiff elements on boundaries that stay open, nearer to contact than
-        their displacements err, of which the largest is a `way`.
+        So may meshes of too stiff elements on boundaries of which nothing touches, nearer to that
+        than their displacements err, of which the largest is a `way`.
         """
         doubt = self.touch.doubt
         if part.error is None:
             return part
         told = self._told(part, changes, formal_order("mesh", self.element, LENGTH, self.chords))
         if self.stiff >= BY_FAR and not told and self.touch.nodes:
-            part = located(part, self.touch.near(self.energy * way))
+            opening, length = self.touch.aside.T
+            part = located(part, float(length[opening < self.energy * way].sum()))
         if doubt <= 0:
             return part
         mean = BETWEEN * float(np.sqrt(part.error * doubt))
@@ -325,7 +326,6 @@ class Caution:
         if name in self.given:  # the error of the loads, which a polygon errs by at most
             return extrapolate(changes, ratios, formal_order("mesh", self.element, name,
                                                              self.chords), value, True, pair=FAST)
-        # of a slip that wanders from mesh to mesh its own tells, those of others do not
         known = self.sizes and (name in self.sizes or name != SLIP or not _wander(changes, ratios))
         caution = quantity.caution if known or name not in (*HELD, SLIP) else SAFETY
         estimated = np.isfinite(most)

@@ -39,6 +39,8 @@ class Touch:
     apart: float = np.inf  # least opening, where none touches
     # (m, 2) opening of the nodes that do not touch, and length of their boundary
     beside: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
+    # the same of those boundaries of which nothing touches
+    aside: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     edges: float = 0.0  # length of the element sides in which contact ends, or may
     doubt: float = 0.0  # by how much other nodes would locate its ends elsewhere
     whole: float = 0.0  # length of all contact boundaries, from node to node
@@ -62,6 +64,7 @@ class Touch:
         gap = steps["gap"][index] if "gap" in steps else nodes["gap"]
         opening = gap - steps["u_n"][index]
         apart = opening.min(initial=np.inf, where=not closed.any())
+        aside = [node for piece in pieces if not closed[piece].any() for node in piece]
         pressing = pressure.clip(0) * nodes["weight"]
         lines = [piece for piece in pieces if len(piece) > 1]
         lengths = [float(np.diff(nodes["arc"][piece]).sum() + beyond_ends(nodes, piece).sum())
@@ -74,6 +77,7 @@ class Touch:
             ends=_at_ends(nodes, pieces, steps, index),
             loaded=_at_ends(nodes, pieces, steps, most), apart=float(apart),
             beside=np.column_stack([opening, whole])[~closed],
+            aside=np.column_stack([opening, whole])[np.array(aside, int)],
             edges=sum(_sides(nodes, piece, closed[piece])
                       + _bays(nodes, piece, closed[piece], pressure[piece]) for piece in pieces),
             doubt=sum(doubt_of_ends(nodes, piece, steps, index) for piece in lines),
@@ -88,16 +92,12 @@ class Touch:
         mean = self.pressure @ self.length / max(self.length.sum(), 1e-300)
         return float(self.length[self.pressure < part * mean].sum())
 
-    def near(self, way: float) -> float:
-        """Length of boundary that does not touch, of nodes apart by less than `way`."""
-        opening, length = self.beside.T
-        return float(length[opening < way].sum())
-
     def uncertain(self, way: float, part: float) -> float:
         """Length of boundary that may be in contact or not: that of nodes apart by less than `way`
         or under less than a `part` of the mean pressure, and the sides in which contact ends.
         """
-        return self.near(way) + self.lighter(part) + self.edges
+        opening, length = self.beside.T
+        return float(length[opening < way].sum() + self.lighter(part) + self.edges)
 
 
 def _at_ends(nodes: dict, pieces: list, steps: dict, index: int) -> np.ndarray:

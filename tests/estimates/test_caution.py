@@ -396,7 +396,7 @@ def test_a_boundary_that_stays_open_on_meshes_of_too_stiff_elements_may_touch(st
     its shaft is open, by less than displacements err; a fifth of the contact length is there.
     """
     values = {"contact_length": [2.0, 2.0, 2.0], "displacement": [0.17, 0.17, 0.17]}
-    touch = Touch(nodes=6, open={}, beside=np.array([[0.01, 1.5], [0.03, 0.5], [0.04, 0.7]]))
+    touch = Touch(nodes=6, open={}, aside=np.array([[0.01, 1.5], [0.03, 0.5], [0.04, 0.7]]))
     found = of(values, touch=touch, energy=0.2, stiff=stiff)["contact_length"].error
     assert found == least
 

@@ -111,6 +111,16 @@ def test_what_touches_nowhere_is_apart():
     assert touch.Touch.of(nodes, steps, 0, 0).apart == np.inf
 
 
+def test_boundaries_of_which_nothing_touches_are_aside():
+    """Beside one of which a node does, whose other nodes are not."""
+    x = np.arange(6.0)
+    nodes, steps = line(x, x == 0, 1.0 * (x == 0), x)
+    nodes["chain"] = np.array([1, 1, 1, 2, 2, 2])
+    found = touch.Touch.of(nodes, steps, 0, 0)
+    np.testing.assert_allclose(found.aside[:, 0], found.beside[2:, 0])
+    assert len(found.aside) == 3
+
+
 def test_many_nodes_leave_less_open():
     """The place of an edge, and how far slip may be elsewhere, fall with the number of nodes beyond
     FEW; below it they are what they are. Not where contact is closed to the end of the boundary on
