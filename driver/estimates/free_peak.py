@@ -76,12 +76,13 @@ class Peaks:
         return float(max(beyond, self.largest - self.held, UNSEEN * self.largest))
 
     def near(self, peak: np.ndarray) -> float | None:
-        """Size of the peak within an element's extent of another mesh's `peak`, None without one.
+        """Size of the peak within an element's extent of another mesh's `peak`, None without one; of
+        several that of the nearest.
         """
         away = np.hypot(*(self.free[:, :SIZE] - peak[:SIZE]).T)
-        here = self.free[away <= np.maximum(self.free[:, SIDE], peak[SIDE]), SIZE]
-        size = here.max(initial=0.0)
-        return float(size) if size > SAME * peak[SIZE] else None
+        here = self.free[:, SIZE] > SAME * peak[SIZE]
+        here &= away <= np.maximum(self.free[:, SIDE], peak[SIDE])
+        return float(self.free[here][away[here].argmin(), SIZE]) if here.any() else None
 
 
 def exceeded(part: Part, value: float, pairs: list[tuple[Peaks, Peaks]], ratios: list[float],

@@ -175,6 +175,14 @@ def test_a_peak_that_is_not_the_largest_may_become_it(coarse, coarsest, exceeds)
     assert exceeding([(meshes[0], far)], [2.0], 1.0) == 0.0
 
 
+@pytest.mark.parametrize("sizes, found", [
+    ((1.1, 2.0), 1.1), ((0.4, 2.0), 2.0), ((0.4, 0.3), None)])
+def test_a_peak_is_the_nearest_one_of_another_mesh(sizes, found):
+    """At the top of a wall, with another one at its other side within an element's length."""
+    free = np.array([[0.1, 0.0, sizes[0], 1.5], [1.0, 0.0, sizes[1], 1.5]])
+    assert Peaks(2.0, 0.0, free).near(np.array([0.0, 0.0, 1.0, 0.8])) == found
+
+
 def test_the_largest_displacement_on_all_meshes_exceeds_itself_by_nothing():
     """Its error is what meshes and adjoint problems say; where another place, of a support, had the
     largest on a coarse mesh they do not know, and its own changes count.
