@@ -76,8 +76,8 @@ class Peaks:
         return float(max(beyond, self.largest - self.held, UNSEEN * self.largest))
 
     def near(self, peak: np.ndarray) -> float | None:
-        """Size of the peak within an element's extent of another mesh's `peak`, None without one; of
-        several that of the nearest.
+        """Size of the peak within an element's extent of another mesh's `peak`, None without one;
+        of several that of the nearest.
         """
         away = np.hypot(*(self.free[:, :SIZE] - peak[:SIZE]).T)
         here = self.free[:, SIZE] > SAME * peak[SIZE]
