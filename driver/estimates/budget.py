@@ -180,6 +180,12 @@ def located(part: Part, least: float) -> Part:
     return dataclasses.replace(part, error=least)
 
 
+def enlarged(part: Part, more: float) -> Part:
+    """A part, known or not, by `more` larger."""
+    error = None if part.error is None else part.error + more
+    return dataclasses.replace(part, error=error)
+
+
 def falls(part: Part) -> bool:
     """Whether finer runs lower the error, as far as there are any: not where they change by as much
     from one to the next, or by more. Two alone are taken at their word.

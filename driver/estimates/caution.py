@@ -39,10 +39,16 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
   friction at its bound, and agree;
 - for the work of friction where the largest slip may be nothing but its own error: neither is sure;
 - where the coarsest mesh has so few nodes in contact that they tell nothing of it: an order with it
-  may be chance, and no less is claimed than by the two other meshes alone;
+  may be chance, and no less is claimed than by the two other meshes alone: of quantities without
+  an adjoint problem, and of displacements that theirs holds from below alone; pressures, a force
+  over the length of a node, are claimed by the two others alone if no order is told;
+- where meshes tell no order of a displacement that no adjoint problem holds: no less is claimed
+  than about the square of the error in energy, as both errors of a functional would be;
+- where slip wanders from mesh to mesh and sticks at the end, so that adjoint problems tell of other
+  quantities alone;
 - where resultants and displacements change more and more from mesh to mesh, to and fro or one way,
-  as where contact opens elsewhere on each: not less than a mean of what the adjoint problem says
-  and of the last change;
+  as where contact opens elsewhere on each, or where two meshes have a sharp end of contact: not
+  less than a mean of what the adjoint problem says and of the last change;
 - for loads that jump inside edges, which quadrature sees in part (validity/soundness.py): by as
   much more as those of the run's mesh, or of the next one, may err;
 - for displacements where a node or two of a round boundary carry all: their force acts where a
@@ -64,12 +70,14 @@ import numpy as np
 from ..quantity_table import HELD, LOCAL, QUANTITIES, SUMMED
 from ..results.touch import Touch
 from . import sharp_ends
-from .adjoint import held
-from .budget import (SAFETY, UNSETTLED, Part, extrapolate, formal_order, located,
+from .adjoint import SEES, held
+from .budget import (SAFETY, UNSETTLED, Part, enlarged, extrapolate, formal_order, located,
                      observed_order)
 from .free_peak import Peaks, exceeded
+from .polygons import too_short
 
 LOCKED = 2.0  # lambda / mu (Poisson's ratio 1/3) from which linear elements are too stiff
+BY_FAR = 2.0  # factor of caution from which they are too stiff by far, Poisson's ratio 0.444
 ROUGH, STEEP = 0.25, 2.0  # relative error in energy from which caution grows, and how fast
 LENGTH, PEAK = "contact_length", "peak_pressure"
 FORCE, SHEAR_FORCE = "normal_resultant", "tangential_resultant"
@@ -159,23 +167,30 @@ class Caution:
             WORK: over, SLIP: sharp_ends.order_of_way(self.touch, over)}
         parts = {name: self._part(name, changes[name], ratios, value, name in singular,
                                   orders.get(name, np.inf)) for name, value in values.items()}
+        few = 0 < min((touch.nodes for touch in touches[2:]), default=0) < fewest(self.element)
+        if few and PEAK in parts and PEAK not in singular:
+            parts[PEAK] = self._of_few(parts[PEAK], changes[PEAK], ratios, values[PEAK])
         more = max(lost[:2], default=0.0)
-        parts |= {name: _enlarged(part, more * abs(values[name]))
+        parts |= {name: enlarged(part, more * abs(values[name]))
                   for name, part in parts.items() if name != LENGTH}
-        if 0 < min((touch.nodes for touch in touches[2:]), default=0) < fewest(self.element):
+        if few:
             parts |= {name: located(part, extrapolate(changes[name][:1], ratios, np.inf, 0.0).error)
-                      for name, part in parts.items() if name not in (LENGTH, *self.sizes)}
+                      for name, part in parts.items()
+                      if name != LENGTH and (name not in self.sizes
+                                             or name == WAY and self._unseen(name))}
         if self._grazes(parts, [coarse for _, coarse in runs]):
             unknown = Part(None, note=GRAZES)
             return dict.fromkeys(parts, unknown) | {WAY: parts[WAY]}
         if WAY in values:
-            parts[WAY] = self._square(parts[WAY], abs(values[WAY]))
+            formal = formal_order("mesh", self.element, WAY, self.chords)
+            alone = WAY not in self.sizes and not self._told(parts[WAY], changes[WAY], formal)
+            parts[WAY] = self._square(parts[WAY], abs(values[WAY]), alone)
             if 0 < self.touch.round < PRESSING:  # their places, of sides beside the whole
                 share = min(1.0, self.touch.edges / self.length)
                 parts[WAY] = located(parts[WAY], share * abs(values[WAY]))
         if LENGTH in values:
-            parts[LENGTH] = self._ended(parts[LENGTH], parts[WAY].error, _shape(touches, ratios))
-            parts[LENGTH] = self._between(parts[LENGTH], changes[LENGTH])
+            parts[LENGTH] = self._ended(parts[LENGTH], parts[WAY].error, too_short(touches, ratios))
+            parts[LENGTH] = self._between(parts[LENGTH], changes[LENGTH], abs(values[WAY]))
             parts[LENGTH] = located(parts[LENGTH], self.touch.lighter(LIGHT * self.energy))
         if len(runs) == 1 and FORCE in parts:
             parts[FORCE] = self._of_two(parts[FORCE], changes[FORCE][0], abs(values[FORCE]))
@@ -220,20 +235,21 @@ class Caution:
         most = self.touch.uncertain(way, self.energy) + shape
         return replace(part, error=min(part.error, most))
 
-    def _square(self, part: Part, size: float) -> Part:
+    def _square(self, part: Part, size: float, alone: bool) -> Part:
         """Part of the largest displacement `size`, beside the square of a large error in energy.
 
         That is what a displacement under the loads errs by, whatever coarse meshes and adjoint
         problems, of smoothed stresses, agree on; others may err by less. Between both, so that what
-        supports prescribe has no error.
+        supports prescribe has no error. So it is of any error in energy where it stands `alone`, as
+        neither an order nor an adjoint problem tells of the displacement.
         """
-        if part.error is None or self.energy <= ROUGH:
+        if part.error is None or not (alone or self.energy > ROUGH):
             return part
-        square = COMPLIANCE * self.energy**2 * size
+        square = COMPLIANCE * (self.energy / (SEES if alone else 1.0))**2 * size
         least = min(square, BETWEEN * float(np.sqrt(part.error * square)))
         return located(part, least)
 
-    def _between(self, part: Part, changes: list) -> Part:
+    def _between(self, part: Part, changes: list, way: float) -> Part:
         """Part of the contact length, between what meshes say and what nodes do.
 
         Meshes differ by where their nodes lie, more than they err; the nodes of one mesh do not see
@@ -241,15 +257,29 @@ class Caution:
         by less. At least half of what meshes say stays: a claim that they made rightly is still
         half of the error where contact elsewhere is not what its ends know. Nor is it less than the
         doubt itself, and that by its factor where meshes tell no order: they may agree by chance.
+        So may meshes of too stiff elements on boundaries of which nothing touches, nearer to that
+        than their displacements err, of which the largest is a `way`.
         """
         doubt = self.touch.doubt
-        if part.error is None or doubt <= 0:
+        if part.error is None:
+            return part
+        told = self._told(part, changes, formal_order("mesh", self.element, LENGTH, self.chords))
+        if self.stiff >= BY_FAR and not told and self.touch.nodes:
+            opening, length = self.touch.aside.T
+            part = located(part, float(length[opening < self.energy * way].sum()))
+        if doubt <= 0:
             return part
         mean = BETWEEN * float(np.sqrt(part.error * doubt))
         error = min(part.error, max(part.error / 2, mean))
-        told = self._told(part, changes, formal_order("mesh", self.element, LENGTH, self.chords))
         least = max(doubt if told else BETWEEN * doubt, (self.touch.open or {}).get(LENGTH, 0.0))
         return located(replace(part, error=error), least)
+
+    def _of_few(self, part: Part, changes: list, ratios: list, value: float) -> Part:
+        """Part of the largest pressure; a mesh with few nodes, each its force over a length, counts
+        if it tells an order.
+        """
+        told = self._told(part, changes, formal_order("mesh", self.element, PEAK, self.chords))
+        return part if told else self._part(PEAK, changes[:1], ratios, value, False, np.inf)
 
     def _of_two(self, part: Part, change: float, force: float) -> Part:
         """Part of the pressing force, which two meshes may agree on by chance: if no adjoint
@@ -296,7 +326,8 @@ class Caution:
         if name in self.given:  # the error of the loads, which a polygon errs by at most
             return extrapolate(changes, ratios, formal_order("mesh", self.element, name,
                                                              self.chords), value, True, pair=FAST)
-        caution = quantity.caution if self.sizes or name not in (*HELD, SLIP) else SAFETY
+        known = self.sizes and (name in self.sizes or name != SLIP or not _wander(changes, ratios))
+        caution = quantity.caution if known or name not in (*HELD, SLIP) else SAFETY
         estimated = np.isfinite(most)
         if estimated and (name in (WORK, LENGTH) or name == SLIP and self.touch.way_at_end):
             caution = SAFETY  # nodes beside a sharp end differ by far less than it errs
@@ -311,21 +342,28 @@ class Caution:
         slowest = NO_ORDER if self.sizes and name in HELD else min(least, formal)
         told = {self._told(part, changes, formal + above, slowest)
                 for above in (0.0, ABOUT * estimated)}
-        found = [self._held(name, part, changes, ratios, each) for each in told]
+        found = [self._held(name, part, changes, ratios, each, estimated) for each in told]
         part = max(found, key=lambda part: part.error or 0.0)
         return located(part, (self.touch.open or {}).get(name, 0.0))
 
-    def _held(self, name: str, part: Part, changes: list, ratios: list, told: bool) -> Part:
-        """The part within what adjoint problems leave; `told`: whether meshes tell an order."""
+    def _unseen(self, name: str) -> bool:
+        """Whether a quantity errs by what its adjoint problem, if there is one, does not see."""
+        return (self.chords or self.touch.lone > LONE
+                or self.touch.earlier and name in LEFT)
+
+    def _held(self, name: str, part: Part, changes: list, ratios: list, told: bool,
+              sharp: bool) -> Part:
+        """The part within what adjoint problems leave; `told`: whether meshes tell an order,
+        `sharp`: an end is, where smoothed stresses see less of an error.
+        """
         part = self._doubted(part, told)
-        unseen = (self.chords or self.touch.lone > LONE
-                  or self.touch.earlier and name in LEFT)
-        slack = np.inf if unseen else self.stiff  # for what smoothed stresses do not see
+        slack = np.inf if self._unseen(name) else self.stiff  # for what smoothed stresses miss
         told |= name not in HELD and (name != SLIP or len(changes) > 1)
         part = held(name, part, self.sizes.get(name), slack, told, self.seen,
                     self.element == "P1")
         alone = name in self.sizes and not told  # the adjoint problem speaks
-        if part.error is not None and alone and _grow(changes, ratios):
+        apart = _grow(changes, ratios) or sharp and len(changes) == 1
+        if part.error is not None and alone and apart:
             part = located(part, BETWEEN * float(np.sqrt(part.error * abs(changes[0]))))
         return part
 
@@ -336,26 +374,16 @@ class Caution:
         return falls and part.order is not None and slowest < part.order <= formal
 
 
-def _shape(touches: list[Touch], ratios: list[float]) -> float:
-    """Error of the length of the contact boundaries: straight sides on a curve are too short, in
-    the second order of their length.
-    """
-    if len(touches) < 2:
-        return 0.0
-    return SAFETY * abs(touches[0].whole - touches[1].whole) / (ratios[0] ** 2 - 1)
-
-
-def _enlarged(part: Part, more: float) -> Part:
-    """A part, known or not, by `more` larger."""
-    error = None if part.error is None else part.error + more
-    return replace(part, error=error)
-
-
 def _grow(changes: list, ratios: list[float]) -> bool:
     """Whether changes from mesh to mesh hardly fall, of one sign or turning back."""
     if len(changes) < 2 or changes[0] * changes[1] == 0:
         return False
     return observed_order(abs(changes[0]), abs(changes[1]), *ratios[:2]) <= NO_ORDER
+
+
+def _wander(changes: list, ratios: list[float]) -> bool:
+    """Whether changes from mesh to mesh turn back and hardly fall."""
+    return len(changes) > 1 and changes[0] * changes[1] < 0 and _grow(changes, ratios)
 
 
 def _unsure(values: dict, parts: dict) -> bool:

@@ -5,8 +5,9 @@ about the same on all meshes, and they tell nothing of others that may exceed it
 coarse meshes. Where there are others, each peak of displacements is compared with the same one on
 coarser meshes, as one that is not the largest may grow by more than the largest does. Peaks are
 nodes with displacements that no neighbour exceeds, and which neither contact nor a support
-prescribes. Beside a prescribed displacement all are lower, and come the nearer to it the finer the
-mesh is: they are none.
+prescribes. Contact prescribes those along its normal: a node that moves along the boundary is free.
+Beside a prescribed displacement all are lower, and come the nearer to it the finer the mesh is:
+they are none.
 
 What a support prescribes has no error, whatever meshes and adjoint problems say of a place beside
 it that moves by little more: the true largest displacement is that or more. It is more where
@@ -54,7 +55,7 @@ class Peaks:
         operator.follow(step)
         fields = operator.displacements(step.multipliers, step.weights)
         sizes = [np.linalg.norm(u.reshape(-1, 2), axis=1) for u in fields]
-        return cls(largest, _supported(operator, sizes), _free(operator, sizes),
+        return cls(largest, _supported(operator, sizes), _free(operator, fields, sizes),
                    _between(operator, sizes), *_from_support(operator, fields, sizes))
 
     @classmethod
@@ -75,12 +76,13 @@ class Peaks:
         return float(max(beyond, self.largest - self.held, UNSEEN * self.largest))
 
     def near(self, peak: np.ndarray) -> float | None:
-        """Size of the peak within an element's extent of another mesh's `peak`, None without one.
+        """Size of the peak within an element's extent of another mesh's `peak`, None without one;
+        of several that of the nearest.
         """
         away = np.hypot(*(self.free[:, :SIZE] - peak[:SIZE]).T)
-        here = self.free[away <= np.maximum(self.free[:, SIDE], peak[SIDE]), SIZE]
-        size = here.max(initial=0.0)
-        return float(size) if size > SAME * peak[SIZE] else None
+        here = self.free[:, SIZE] > SAME * peak[SIZE]
+        here &= away <= np.maximum(self.free[:, SIDE], peak[SIDE])
+        return float(self.free[here][away[here].argmin(), SIZE]) if here.any() else None
 
 
 def exceeded(part: Part, value: float, pairs: list[tuple[Peaks, Peaks]], ratios: list[float],
@@ -216,16 +218,31 @@ def _outermost(pairs: np.ndarray) -> np.ndarray:
     return pairs[pairs[:, 1] > before]
 
 
-def _free(operator, sizes: list[np.ndarray]) -> np.ndarray:
-    """(k, 4) peaks of the displacements' `sizes` by subdomain; the same on all ranks."""
+def _by_contact(declared, sub, u: np.ndarray) -> np.ndarray:
+    """(n,) whether the displacement `u` (dofs,) of a Subdomain's node is mostly one along a normal
+    of the `declared` contact boundary, as contact prescribes it.
+    """
+    order = np.argsort(sub.node_gid)
+    at = order[np.searchsorted(sub.node_gid, declared.term_gid, sorter=order) % len(order)]
+    own = sub.node_gid[at] == declared.term_gid
+    at, normal = at[own], declared.normal[declared.term_node[own]]
+    moved = u.reshape(-1, 2)[at]
+    found = np.zeros(len(order), bool)
+    found[at[2 * (moved * normal).sum(axis=1) ** 2 >= (moved**2).sum(axis=1)]] = True
+    return found
+
+
+def _free(operator, fields: list[np.ndarray], sizes: list[np.ndarray]) -> np.ndarray:
+    """(k, 4) peaks of the displacements' `fields` (dofs,) and their `sizes` by subdomain; the same
+    on all ranks.
+    """
     structure, comm = operator.structure, operator.comm
-    placed = np.unique(structure.contact.declared.term_gid)
     tops, lower = [(np.empty(0, int), np.empty((0, 4)))], [np.empty(0, int)]
-    for sub, fixed, size in zip(structure.subdomains, structure.fixed, sizes):
+    for sub, fixed, u, size in zip(structure.subdomains, structure.fixed, fields, sizes):
         around = size[sub.elements]
         exceeded = np.zeros(len(size), bool)
         exceeded[sub.elements[around < around.max(axis=1, keepdims=True)]] = True
-        free = ~np.isin(sub.node_gid, placed) & ~exceeded
+        free = ~exceeded & ~_by_contact(structure.contact.declared, sub, u)
         free[sub.dof_node[fixed]] = False
         extent = np.zeros(len(size))
         across = np.ptp(sub.xy[sub.elements], axis=1).max(axis=1, keepdims=True)

@@ -52,7 +52,8 @@ class MeshPart:
         found = self.caution.parts(values, pairs, ratios, self.singular, touches, lost)
         if not (self.caution.adapted or self.adjoint) and one_way(problems, sizes):
             given = unresolved.of_loads(values, found, self.loads)
-            found = with_other_way(found, values, self.caution.energy, given)
+            coarsest = not one_way(problems[:2], sizes)
+            found = with_other_way(found, values, self.caution.energy, given, coarsest)
         if pairs:
             found["displacement"] = self.caution.beside(
                 found["displacement"], values["displacement"], peaks, touches, ratios)

@@ -9,7 +9,9 @@ element, and in no stress of the polygon: neither smoothed stresses nor adjoint 
 import numpy as np
 
 from ..feti.gathering import gather, joined
+from ..results.touch import Touch
 from ..scene.elements import cross
+from .budget import SAFETY
 
 FLAT, CORNER = np.radians(0.1), np.radians(80)  # turning of a straight side's vertices, of corners
 ALIKE = 3.0
@@ -48,3 +50,12 @@ def _is_curve(place: np.ndarray, edges: np.ndarray) -> bool:
     beside = np.maximum(of_vertex[other[0]], of_vertex[other[1]])
     own = of_vertex[at]
     return bool(((own > FLAT) & (own <= ALIKE * beside)).any())
+
+
+def too_short(touches: list[Touch], ratios: list[float]) -> float:
+    """Error of the length of the contact boundaries: straight sides on a curve are too short, in
+    the second order of their length.
+    """
+    if len(touches) < 2:
+        return 0.0
+    return SAFETY * abs(touches[0].whole - touches[1].whole) / (ratios[0] ** 2 - 1)

@@ -39,16 +39,16 @@ LEAST, MOST = 0.1, 0.9  # exponents: pressures that approach a limit may grow as
 TIP = 1.0  # order that the tip of a crack leaves
 
 
-def growth(fine: np.ndarray, coarse: np.ndarray, ratio: float) -> float:
+def growth(fine: np.ndarray, coarse: np.ndarray, ratio: float, least: float = PRESSES) -> float:
     """Largest exponent by which pressure at an end grows from a mesh to that `ratio` times finer.
 
-    `fine`, `coarse`: ends (k, 3) as of Touch.
+    `fine`, `coarse`: ends (k, 3) as of Touch; `least`: what presses on the coarse mesh at least.
     """
     found = [0.0]
     for x, y, pressure in fine if len(coarse) else ():
         near = np.hypot(coarse[:, 0] - x, coarse[:, 1] - y).argmin()
         before = coarse[near, 2]
-        if min(pressure, before) > PRESSES:
+        if pressure > PRESSES and before > least:
             found.append(np.log(pressure / before) / np.log(ratio))
     return float(min(max(found), MOST))
 
@@ -64,8 +64,13 @@ def order_of_history(touches: list[Touch], ratios: list[float]) -> float:
 
 
 def _order(ends: list[np.ndarray], ratios: list[float]) -> float:
-    """Growth counts that goes on from mesh to mesh: once it may be contact that moves."""
-    exponents = [growth(fine, coarse, r) for fine, coarse, r in zip(ends, ends[1:], ratios)]
+    """Growth counts that goes on from mesh to mesh: once it may be contact that moves.
+
+    On the coarsest mesh, beside a side as long as the body is thick, an end may press less than the
+    mean: it is enough that pressure has grown since.
+    """
+    exponents = [growth(fine, coarse, r, 0.0 if k else PRESSES)
+                 for k, (fine, coarse, r) in enumerate(zip(ends, ends[1:], ratios))]
     least = min(exponents, default=0.0)
     return 2 * (1 - least) if least > LEAST else np.inf
 

@@ -12,6 +12,7 @@ from .quantities import (carried, corners_of_materials, farthest_node, longest_w
 FEW = 6  # nodes in contact, among which the next may differ by all of a quantity's error
 # pressure at an end of the boundary, or in a dip, over the next: below it contact may end before
 FALLS = 0.6
+STEEP = 1.5  # pressure over the mean one, two sides from an end of contact, of ends that are sharp
 AREA = 3  # nodes that press side by side and tell where the force of an area of contact acts
 CLOSED = 1e-9  # distance at time 0 over the largest displacement, below which a node is in contact
 HALF = 0.5  # of a step in which a node touched, where nothing tells more
@@ -38,6 +39,8 @@ class Touch:
     apart: float = np.inf  # least opening, where none touches
     # (m, 2) opening of the nodes that do not touch, and length of their boundary
     beside: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
+    # the same of those boundaries of which nothing touches
+    aside: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     edges: float = 0.0  # length of the element sides in which contact ends, or may
     doubt: float = 0.0  # by how much other nodes would locate its ends elsewhere
     whole: float = 0.0  # length of all contact boundaries, from node to node
@@ -61,6 +64,7 @@ class Touch:
         gap = steps["gap"][index] if "gap" in steps else nodes["gap"]
         opening = gap - steps["u_n"][index]
         apart = opening.min(initial=np.inf, where=not closed.any())
+        aside = [node for piece in pieces if not closed[piece].any() for node in piece]
         pressing = pressure.clip(0) * nodes["weight"]
         lines = [piece for piece in pieces if len(piece) > 1]
         lengths = [float(np.diff(nodes["arc"][piece]).sum() + beyond_ends(nodes, piece).sum())
@@ -73,6 +77,7 @@ class Touch:
             ends=_at_ends(nodes, pieces, steps, index),
             loaded=_at_ends(nodes, pieces, steps, most), apart=float(apart),
             beside=np.column_stack([opening, whole])[~closed],
+            aside=np.column_stack([opening, whole])[np.array(aside, int)],
             edges=sum(_sides(nodes, piece, closed[piece])
                       + _bays(nodes, piece, closed[piece], pressure[piece]) for piece in pieces),
             doubt=sum(doubt_of_ends(nodes, piece, steps, index) for piece in lines),
@@ -163,9 +168,11 @@ def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
     elsewhere by as much as it differs from that of the next nodes that have touched, less what an
     obstacle has moved past it while they were open, which is the same everywhere. Slip and the
     place between two nodes where FEW nodes are in contact; where there are more by less in
-    proportion, as meshes tell: of slip where more have slid, as it is zero wherever all stick. Of
-    contact that may end before the boundary meshes that all close its last node tell nothing. The
-    largest pressure by how far it stands out from its neighbours, see `_standing_out`.
+    proportion, as meshes tell: of slip where more have slid, as it is zero wherever all stick, but
+    not where it is largest at the last node before a sharp end of contact: it grows on from there
+    to a place between nodes. Of contact that may end before the boundary meshes that all close its
+    last node tell nothing. The largest pressure by how far it stands out from its neighbours, see
+    `_standing_out`.
     """
     touching = steps["status"][: index + 1] != OPEN
     closed, edges, falls = touching[-1], [], []
@@ -187,11 +194,26 @@ def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
         if top in piece and len(near):
             onward = np.where(touching[:, near], 0.0, _passed(nodes, steps, index, top)[:, None])
             apart = float(np.abs(way[near] + onward.sum(axis=0) - way[top]).max())
-            apart *= min(1.0, FEW / max(1, np.count_nonzero(sliding[:, piece].any(axis=0))))
+            if not _sharp_end(nodes, piece, closed, -steps["sigma_n"][index], top):
+                apart *= min(1.0, FEW / max(1, np.count_nonzero(sliding[:, piece].any(axis=0))))
     share = min(1.0, FEW / max(1, np.count_nonzero(closed)))
     ends = EDGE * float(np.hypot(share * np.linalg.norm(edges), np.linalg.norm(falls)))
     return {"peak_pressure": _standing_out(nodes, np.abs(steps["sigma_n"][index])),
             "contact_length": few + bays + max(clamped, early, ends), "slip": apart}
+
+
+def _sharp_end(nodes: dict, piece: np.ndarray, closed: np.ndarray, pressure: np.ndarray,
+               node: int) -> bool:
+    """Whether contact ends beside a node of a piece, from high pressure within two sides.
+
+    As under a rounding that no more nodes resolve: where they do, it falls like r^(1/2).
+    """
+    k, sides = int(np.flatnonzero(piece == node)[0]), 4 if nodes["middle"].any() else 2
+    if not closed[node] or closed[piece[max(k - 1, 0):k + 2]].all():
+        return False
+    length = nodes.get("length", nodes["weight"])[closed]
+    near = pressure[piece[max(k - sides + 1, 0):k + sides]].max()
+    return bool(near > STEEP * (pressure[closed] @ length) / length.sum())
 
 
 def _passed(nodes: dict, steps: dict, index: int, node: int) -> np.ndarray:

@@ -45,9 +45,9 @@ def test_a_free_place_that_exceeds_the_bore_on_finer_meshes_is_in_the_claim(solv
     assert fine - claim["value"] <= claim["total"] <= 0.5 * claim["value"]
 
 
-def body_of(parts: list[dict], placed=(), held=()):
+def body_of(parts: list[dict], placed=(), held=(), normal=(0.0, 1.0)):
     """An operator of subdomains with these sizes of displacement by node, along a row of edges, the
-    `held` ones in both directions.
+    `held` ones in both directions, the `placed` ones by contact with a `normal`; all move along y.
     """
     subs, fields = [], []
     for part in parts:
@@ -57,7 +57,9 @@ def body_of(parts: list[dict], placed=(), held=()):
                                     xy=np.column_stack([gid, 0 * gid]),
                                     dof_node=np.repeat(np.arange(len(gid)), 2)))
         fields.append(np.column_stack([0 * gid, [*part.values()]]).ravel())
-    contact = SimpleNamespace(declared=SimpleNamespace(term_gid=np.array(placed, int)))
+    contact = SimpleNamespace(declared=SimpleNamespace(
+        term_gid=np.array(placed, int), term_node=np.arange(len(placed)),
+        normal=np.tile(normal, (len(placed), 1))))
     fixed = [np.flatnonzero(np.isin(sub.node_gid, held).repeat(2)) for sub in subs]
     outer = np.concatenate([sub.node_gid[sub.edges] for sub in subs])
     structure = SimpleNamespace(contact=contact, subdomains=subs, fixed=fixed, outer_edges=outer)
@@ -78,6 +80,8 @@ def test_a_peak_is_what_no_neighbour_exceeds_on_either_side_of_an_interface():
     assert peaks([rising, falling]) == [[2, 3.0], [2, 3.0], [4, 2.7]]
     # its place is prescribed: the end of the row is the next peak, its neighbours are none
     assert peaks([rising, falling], [2]) == [[4, 2.7]]
+    # not where it slides: the end of a pad that a belt drags moved by 4 % more than its support
+    assert peaks([rising, falling], [2], normal=(0.8, 0.6))[0] == [2, 3.0]
     # of an interface that is exceeded in the other subdomain
     assert peaks([rising, {2: 3.0, 3: 4.0}], [3]) == []
     assert peaks([rising], held=[2]) == []
@@ -169,6 +173,14 @@ def test_a_peak_that_is_not_the_largest_may_become_it(coarse, coarsest, exceeds)
     assert exceeding(pairs, [2.0, 2.0], 1.0) == pytest.approx(exceeds, abs=1e-9)
     far = mesh((0.0, 1.99), (11.0, 1.6))
     assert exceeding([(meshes[0], far)], [2.0], 1.0) == 0.0
+
+
+@pytest.mark.parametrize("sizes, found", [
+    ((1.1, 2.0), 1.1), ((0.4, 2.0), 2.0), ((0.4, 0.3), None)])
+def test_a_peak_is_the_nearest_one_of_another_mesh(sizes, found):
+    """At the top of a wall, with another one at its other side within an element's length."""
+    free = np.array([[0.1, 0.0, sizes[0], 1.5], [1.0, 0.0, sizes[1], 1.5]])
+    assert Peaks(2.0, 0.0, free).near(np.array([0.0, 0.0, 1.0, 0.8])) == found
 
 
 def test_the_largest_displacement_on_all_meshes_exceeds_itself_by_nothing():
