@@ -14,7 +14,7 @@ turning are not looked at: they roll, and other points carry their forces then.
 
 import numpy as np
 
-from .finite_rotations import Triangles, turning
+from .finite_rotations import Triangles, rolls, turning
 
 VECTORS = 6
 SLIGHT = 0.02  # quotient of the first vector with which it is the only one
@@ -28,7 +28,7 @@ def reached(frozen, structure, fields: list[np.ndarray], before: float) -> tuple
     step; 0 where none is strained by more than before. Collective.
     """
     weights, bodies = frozen.step.weights, structure.travel.bodies
-    if any(abs(mode.rotation) * bodies.size.max() > DEPENDENT for mode in structure.rigid_modes):
+    if rolls(structure):
         return 0.0, before
     triangles = [Triangles(sub) for sub in structure.subdomains]
     stresses = [of.of_run(of.gradient(u), u, weights) for of, u in zip(triangles, fields)]

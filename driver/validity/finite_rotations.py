@@ -6,6 +6,15 @@ import numpy as np
 from ..scene import elements
 
 
+TURNS = 1e-10  # rotation times size of a rigid motion that turns a body
+
+
+def rolls(structure) -> bool:
+    """Whether contact alone keeps a body from turning: as it rolls other points are in contact."""
+    size = structure.travel.bodies.size.max(initial=0.0)
+    return any(abs(mode.rotation) * size > TURNS for mode in structure.rigid_modes)
+
+
 class Triangles:
     """Places of integration in the triangles of a subdomain, and what is measured there.
 

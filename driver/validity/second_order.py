@@ -27,7 +27,7 @@ from ..contact.states import STICK
 from ..feti.gathering import largest
 from ..march.frozen_state import FrozenState
 from . import buckling
-from .finite_rotations import Triangles, stretch, turning
+from .finite_rotations import Triangles, rolls, stretch, turning
 
 LEAST = 0.1  # of the largest force of a boundary: smaller ones count as such
 SLIGHT = 0.01  # energy of what strains leave out, over theirs, up to which the third order counts
@@ -37,7 +37,8 @@ SLIGHT = 0.01  # energy of what strains leave out, over theirs, up to which the 
 @dataclass
 class Change:
     """What finite rotations change in a step: the largest displacement by a part `displacement` of
-    it; of the contact nodes the normal forces by `added` (n_c,), beside forces `size` (n_c,).
+    it, zero where contact alone keeps a body from turning, which rolls to other points of contact;
+    of the contact nodes the normal forces by `added` (n_c,), beside forces `size` (n_c,).
     """
 
     displacement: float
@@ -62,7 +63,8 @@ class Change:
         size, changed = largest(operator.comm, np.array([_largest(whole), _largest(more)]))
         (force, friction), (added, _) = (_forces(operator, solver.rows, of, count)
                                          for of in (step.multipliers, x))
-        return cls(abs(changed - size) / size if size else 0.0, added, np.hypot(force, friction),
+        part = 0.0 if rolls(operator.structure) or not size else abs(changed - size) / size
+        return cls(part, added, np.hypot(force, friction),
                    buckling.reached(frozen, operator.structure, fields, strained))
 
     def of_nodes(self, here: np.ndarray) -> float:
