@@ -207,8 +207,8 @@ class Summary:
         "largest_slide": "sliding distance of closed nodes along another body since the start, "
                          "divided by the contact length; 0 where contact follows the motion",
         "second_order": "estimated change of the largest displacement, or of a boundary's contact "
-                        "force, by finite rotations, relative",
-        "buckling": "estimated part of the loads at which a body buckles",
+                        "force, by finite rotations, relative; null where not estimated",
+        "buckling": "estimated part of the loads at which a body buckles; null with ERRORS=no",
         "overlaps": "[label, label, depth over the body's size] of boundaries without declared "
                     "contact that penetrate",
         "verdict": "ok, questionable or invalid", "reason": "reason, place and remedy"})

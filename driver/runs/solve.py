@@ -94,7 +94,7 @@ def _finished(directory: Path, request: Request, problem: Problem, solver: Quasi
     if history.renewing:
         seconds["solve"] -= history.renewing
         seconds["geometry"] = history.renewing
-    valid, doubt = _validity(directory, problem, writer, estimator)
+    valid, doubt = _validity(directory, request, problem, writer, estimator)
     lap("validity")
     status, reason = (failure.exit_status, str(failure)) if failure else (0, "")
     writer.close()
@@ -251,11 +251,12 @@ def _progress(directory: Path, request: Request, problem: Problem, total: int, r
     return progress
 
 
-def _validity(directory: Path, problem: Problem, writer: Writer,
+def _validity(directory: Path, request: Request, problem: Problem, writer: Writer,
               estimator: EnergyEstimator) -> tuple[dict | None, str]:
     """Entry `validity` of the summary and a warning if it could not be made; collective."""
     try:
-        return assumptions.assess(problem, writer.contact, estimator.considered), ""
+        return assumptions.assess(problem, writer.contact, estimator.considered,
+                                  request.errors != "no"), ""
     except Exception as trouble:  # whatever it is, the results stand
         if problem.operator.comm.size > 1:
             raise

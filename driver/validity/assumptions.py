@@ -37,7 +37,7 @@ from ..feti.gathering import gather, joined
 from ..scene import elements
 from ..vectors import turned_left
 from . import second_order, swelling, true_distance
-from .limits import FELT, INVALID, QUESTIONABLE, SPOT, TOUCH, UNPLACED, VERDICTS, WORDS
+from .limits import FELT, INVALID, NEGLIGIBLE, QUESTIONABLE, SPOT, TOUCH, UNPLACED, VERDICTS, WORDS
 from .small_strains import MEASURES, SmallStrains
 
 
@@ -54,8 +54,11 @@ class Worst:
 class Validity:
     """Checks steps of one solved problem. Collective; rank 0 compares boundaries."""
 
-    def __init__(self, problem, contact):
-        """`problem` a march.Problem, `contact` its ContactState."""
+    def __init__(self, problem, contact, estimates: bool = True):
+        """`problem` a march.Problem, `contact` its ContactState; `estimates`: whether all that
+        takes further solutions is estimated.
+        """
+        self.estimates, self.estimated = estimates, set()  # names of what was
         self.problem, self.structure, self.solver = problem, problem.structure, contact.solver
         self.comm, self.boundary = problem.operator.comm, contact.boundary
         self.worst = {name: Worst() for name in QUESTIONABLE}
@@ -94,8 +97,10 @@ class Validity:
         operator.follow(step)
         self.boundary = self.structure.contact.declared
         fields = operator.deformations(step.multipliers, step.weights)
-        self._check_deformation(step, fields)
-        change = self._check_second_order(step, state, fields)
+        stretched = self._check_deformation(step, fields)
+        change = None
+        if self.estimates or stretched > NEGLIGIBLE and not self._is_turned:
+            change = self._check_second_order(step, state, fields)
         place, moved = self._outline(operator.with_travel(fields, step.weights))
         if place is None:
             return
@@ -105,8 +110,17 @@ class Validity:
         passed = state[ContactField.U_N] - self.boundary.at(step.time).gap + self.boundary.behind
         self._check_overlaps(step, place, moved, passed[self.boundary.paired].max(initial=0.0))
 
-    def _check_deformation(self, step, fields) -> None:
-        """Strains and rotations of all triangles, with those that supports prescribe to bodies."""
+    @property
+    def _is_turned(self) -> bool:
+        """Whether bodies turn by too much anyway."""
+        return bool((self.parts["largest_rotation"] > SPOT).any())
+
+    def _check_deformation(self, step, fields) -> float:
+        """Strains and rotations of all triangles, with those that supports prescribe to bodies.
+
+        Returns how large the stretches are that linear strains leave out beside these, of the body
+        where they are the largest.
+        """
         travel, subs = self.structure.travel, self.structure.subdomains
         turned = travel.of(step.weights)[:, 2] / travel.bodies.size
         limits = np.array([[of[name] for of in (QUESTIONABLE, INVALID)] for name in MEASURES])
@@ -124,18 +138,23 @@ class Validity:
             for g in (0, 1):
                 share = np.bincount(self.member, beyond[m, g])[self.member] / whole
                 self.parts[name][g] = max(self.parts[name][g], share.max())
+        strained, stretched = (np.bincount(self.member, squares)
+                               for squares in self.comm.allreduce(found.squares))
+        most = np.sqrt(stretched / np.where(strained > 0, strained, np.inf))
+        return float(most.max(initial=0.0))
 
     def _check_second_order(self, step, state: dict, fields) -> second_order.Change | None:
         status = state.get(ContactField.STATUS, np.zeros(0, int))
         try:
             found = second_order.Change.of(self.problem, self.solver, step, status, fields,
-                                           self.strained)
+                                           self.strained if self.estimates else np.inf)
         except NotConverged:  # a state that holds nothing
             return None
         for value, what in found.parts(self.boundary.label):
             self.note("second_order", value, (), step.index, what=what)
         part, self.strained = found.buckling
         self.note("buckling", part, (), step.index)
+        self.estimated |= UNPLACED if self.estimates else {"second_order"}
         return found
 
     def _outline(self, fields) -> tuple:
@@ -359,6 +378,7 @@ class Validity:
         entry = {measure: worst[measure].value for measure in
                  ("largest_strain", "largest_rotation", "largest_normal_error", "normal_turn",
                   "largest_slide", "largest_swelling", "second_order", "buckling")}
+        entry |= dict.fromkeys(UNPLACED - self.estimated)
         entry |= {"overlaps": overlaps, "verdict": VERDICTS[grade[name]], "reason": ""}
         if grade[name]:
             entry["reason"] = self._reason(name, worst[name])
@@ -381,9 +401,12 @@ def _angle(normal: np.ndarray, used: np.ndarray) -> np.ndarray:
     return np.arccos(np.clip(-(normal * used).sum(axis=1), -1.0, 1.0))
 
 
-def assess(problem, contact, considered: list[tuple]) -> dict:
-    """Entry `validity` for steps (step, state of the contact nodes); collective."""
-    checks = Validity(problem, contact)
+def assess(problem, contact, considered: list[tuple], estimates: bool = True) -> dict:
+    """Entry `validity` for steps (step, state of the contact nodes); collective.
+
+    `estimates`: whether all that takes further solutions is estimated.
+    """
+    checks = Validity(problem, contact, estimates)
     for step, state in considered:
         checks.check(step, state)
     return checks.summary()

@@ -15,6 +15,8 @@ INVALID = {"largest_strain": 0.3, "largest_rotation": 0.35, "largest_normal_erro
            "normal_turn": 0.35, "largest_slide": 1.0, "largest_swelling": 0.5,
            "second_order": 0.3, "buckling": 1.0, "overlaps": 0.02, "gap": 2.0}
 SPOT = 1e-2
+NEGLIGIBLE = 5e-3  # stretches beside strains, of which finite rotations change forces by little:
+# what is displaced by as much feels a part of that size, by equal work
 FELT = 2.0  # times the change of the forces on a body that its swelling counts for at most
 TOUCH = 1e-3  # part of a body's size by which bodies may overlap unnoticed
 UNPLACED = {"second_order", "buckling"}  # of the whole: what others say says where, too

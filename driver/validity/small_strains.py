@@ -16,12 +16,15 @@ class SmallStrains:
 
     `largest` are of each measure the largest value and its place (2,); of the subdomains of all
     ranks, zero for others, `areas` (total,) and `beyond` (measures, limits, total) the areas where
-    a measure exceeds a limit, `turns` (total,) integrals of the rotation, counterclockwise.
+    a measure exceeds a limit, `turns` (total,) integrals of the rotation, counterclockwise;
+    `squares` (2, total) of the strain and of the stretch that a turn by theta leaves out of it,
+    theta^2/2, their squares times the stiffness.
     """
 
     areas: np.ndarray
     beyond: np.ndarray
     turns: np.ndarray
+    squares: np.ndarray
     largest: dict[str, tuple[float, tuple]] = field(default_factory=dict)
 
     @classmethod
@@ -30,7 +33,8 @@ class SmallStrains:
         """By displacements (dofs,) of each of the `subdomains`, which are further turned by
         `turned` (k,); `limits` (measures, limits).
         """
-        found = cls(np.zeros(total), np.zeros((*limits.shape, total)), np.zeros(total))
+        found = cls(np.zeros(total), np.zeros((*limits.shape, total)), np.zeros(total),
+                    np.zeros((2, total)))
         first = 0
         for last in _ends(subdomains):
             found._add(subdomains[first:last], fields[first:last], turned[first:last], limits)
@@ -51,6 +55,9 @@ class SmallStrains:
         own = [sub.index for sub in subs]
         self.areas[own] = np.add.reduceat(area, start)
         self.turns[own] = np.add.reduceat(turn * area, start)
+        stiff = area * np.concatenate([sub.elasticity[:, 0, 0] for sub in subs])
+        self.squares[:, own] = np.add.reduceat(
+            stiff * np.array([strain**2, (turn**2 / 2)**2]), start, axis=1)
         for m, (name, values) in enumerate(zip(MEASURES, (strain, np.abs(turn)))):
             k = values.argmax()
             if name not in self.largest or values[k] > self.largest[name][0]:

@@ -251,6 +251,7 @@ def checks(unit=1.0):
     found.boundary, found.comm = b, MPI.COMM_SELF
     found.problem = SimpleNamespace(manifest=SimpleNamespace(contact_pairs=[]))
     found.worst = {name: assumptions.Worst() for name in QUESTIONABLE}
+    found.estimated = set()
     found.overlaps, found.parts = {}, {name: np.zeros(2) for name in assumptions.MEASURES}
     return found
 

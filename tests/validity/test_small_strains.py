@@ -15,7 +15,8 @@ SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
 def piece(index: int, size: float) -> SimpleNamespace:
     """A square of two triangles, two lengths from the one before."""
     return SimpleNamespace(index=index, xy=size * SQUARE + [2.0 * index, 0.0],
-                           triangles=TRIANGLES, axisymmetric=False)
+                           triangles=TRIANGLES, axisymmetric=False,
+                           elasticity=np.tile(5.0 * np.eye(3), (2, 1, 1)))
 
 
 @pytest.mark.parametrize("at_a_time", [1, 3, 100])
@@ -36,6 +37,11 @@ def test_every_subdomain_has_its_own(monkeypatch, at_a_time):
                                                pytest.approx((2 + 1 / 6, 1 / 6)))
     assert found.largest["largest_rotation"][0] == pytest.approx(0.3)
     assert set(found.largest) == set(MEASURES)
+    # squares of strains 0.2 and 0.3, and of half the squares of turns 0.1, 0 and 0.3
+    np.testing.assert_allclose(found.squares[0], [0, 5 * 0.25 * 0.3**2, 0, 0, 5 * 0.2**2, 0],
+                               atol=1e-17)
+    np.testing.assert_allclose(found.squares[1], [0, 0, 5 * 0.0625 * 0.3**4 / 4, 0,
+                                                  5 * 0.1**4 / 4, 0], atol=1e-17)
 
 
 def test_hoop_strains_are_strains():
