@@ -55,9 +55,7 @@ class Validity:
     """Checks steps of one solved problem. Collective; rank 0 compares boundaries."""
 
     def __init__(self, problem, contact, estimates: bool = True):
-        """`problem` a march.Problem, `contact` its ContactState; `estimates`: whether all that
-        takes further solutions is estimated.
-        """
+        """`problem` a march.Problem, `contact` its ContactState; `estimates` as of `assess`."""
         self.estimates, self.estimated = estimates, set()  # names of what was
         self.problem, self.structure, self.solver = problem, problem.structure, contact.solver
         self.comm, self.boundary = problem.operator.comm, contact.boundary
@@ -98,8 +96,8 @@ class Validity:
         self.boundary = self.structure.contact.declared
         fields = operator.deformations(step.multipliers, step.weights)
         stretched = self._check_deformation(step, fields)
-        change = None
-        if self.estimates or stretched > NEGLIGIBLE and not self._is_turned:
+        turned, change = self.parts["largest_rotation"][0] > SPOT, None  # by too much anyway
+        if self.estimates or stretched > NEGLIGIBLE and not turned:
             change = self._check_second_order(step, state, fields)
         place, moved = self._outline(operator.with_travel(fields, step.weights))
         if place is None:
@@ -110,16 +108,9 @@ class Validity:
         passed = state[ContactField.U_N] - self.boundary.at(step.time).gap + self.boundary.behind
         self._check_overlaps(step, place, moved, passed[self.boundary.paired].max(initial=0.0))
 
-    @property
-    def _is_turned(self) -> bool:
-        """Whether bodies turn by too much anyway."""
-        return bool((self.parts["largest_rotation"] > SPOT).any())
-
     def _check_deformation(self, step, fields) -> float:
-        """Strains and rotations of all triangles, with those that supports prescribe to bodies.
-
-        Returns how large the stretches are that linear strains leave out beside these, of the body
-        where they are the largest.
+        """Strains and rotations of all triangles, those that supports prescribe to bodies included;
+        what SmallStrains.left_out says.
         """
         travel, subs = self.structure.travel, self.structure.subdomains
         turned = travel.of(step.weights)[:, 2] / travel.bodies.size
@@ -138,10 +129,7 @@ class Validity:
             for g in (0, 1):
                 share = np.bincount(self.member, beyond[m, g])[self.member] / whole
                 self.parts[name][g] = max(self.parts[name][g], share.max())
-        strained, stretched = (np.bincount(self.member, squares)
-                               for squares in self.comm.allreduce(found.squares))
-        most = np.sqrt(stretched / np.where(strained > 0, strained, np.inf))
-        return float(most.max(initial=0.0))
+        return found.left_out(self.comm, self.member)
 
     def _check_second_order(self, step, state: dict, fields) -> second_order.Change | None:
         status = state.get(ContactField.STATUS, np.zeros(0, int))

@@ -67,6 +67,14 @@ class SmallStrains:
                     inside = np.where(values > limit, area, 0.0)
                     self.beyond[m, g, own] = np.add.reduceat(inside, start)
 
+    def left_out(self, comm, body: np.ndarray) -> float:
+        """Stretches that linear strains leave out beside these, root mean squares of the body where
+        they are the largest; `body` (total,) of the subdomains. Collective.
+        """
+        strained, stretched = (np.bincount(body, of) for of in comm.allreduce(self.squares))
+        most = np.sqrt(stretched / np.where(strained > 0, strained, np.inf))
+        return float(most.max(initial=0.0))
+
 
 def _ends(subdomains: list) -> list[int]:
     """After which of the subdomains they make AT_A_TIME triangles, and after the last."""

@@ -106,7 +106,7 @@ def test_what_bends_freely_is_no_mistake(change):
 
 
 def test_further_solutions_are_asked_for_where_errors_are(solved):
-    """Or where stretches that strains leave out are not small beside them, as in all tests above."""
+    """Or where stretches that strains leave out are not small beside them, as in those above."""
     one = {"loading": "monotone", "cells": 4, "steps": 2}
     valid = solved("model", **one).summary["validity"]
     assert valid["second_order"] is None and valid["buckling"] is None
