@@ -18,14 +18,17 @@ from .finite_rotations import Triangles, rolls, turning
 
 VECTORS = 6
 SLIGHT = 0.02  # quotient of the first vector with which it is the only one
-MORE = 1.2  # times the stresses of a step that was looked at, for another one to be
+# times the compression of a body in steps that were looked at, for another one to be: tension says
+# nothing of it, however large
+MORE = 1.2
 DEPENDENT = 1e-10  # part of the largest of the space's eigenvalues that is rounding
 
 
-def reached(frozen, structure, fields: list[np.ndarray], before: float) -> tuple[float, float]:
+def reached(frozen, structure, fields: list[np.ndarray],
+            before: np.ndarray | float) -> tuple[float, np.ndarray | float]:
     """Part of the buckling load in the step of a FrozenState with displacements `fields` (dofs,) of
-    the local subdomains, and how much bodies are strained, to be given as `before` for another
-    step; 0 where none is strained by more than before. Collective.
+    the local subdomains, and how much each of the bodies is compressed, a strain, to be given as
+    `before` for another step; 0 where none is compressed by more than before. Collective.
     """
     weights, bodies = frozen.step.weights, structure.travel.bodies
     if rolls(structure):
@@ -34,13 +37,21 @@ def reached(frozen, structure, fields: list[np.ndarray], before: float) -> tuple
     stresses = [of.of_run(of.gradient(u), u, weights) for of, u in zip(triangles, fields)]
     sums = np.zeros((2, structure.total))  # volume, and the square of a strain in it
     for of, stress in zip(triangles, stresses):
-        sums[:, of.sub.index] = of.share.sum(), of.work(stress / of.law[0, 0]**2, stress)
+        pressed = compression(stress) / of.law[0, 0]
+        sums[:, of.sub.index] = of.share.sum(), (of.share * pressed**2).sum()
     volume, square = (np.bincount(bodies.number, values, len(bodies.size))
                       for values in frozen.operator.comm.allreduce(sums))
-    strain = float(np.sqrt(square / np.where(volume > 0, volume, np.inf)).max(initial=0.0))
-    if strain <= MORE * before:
+    strain = np.sqrt(square / np.where(volume > 0, volume, np.inf))
+    if (strain <= MORE * before).all():
         return 0.0, before
-    return _largest(frozen, triangles, stresses, bodies.size.max()), strain
+    part = _largest(frozen, triangles, stresses, bodies.size.max())
+    return part, np.maximum(strain, before)
+
+
+def compression(stress: np.ndarray) -> np.ndarray:
+    """(n_t, m) largest pressure on a section in the plane of stresses (3 or 4, n_t, m), or zero."""
+    xx, yy, xy = stress[:3]
+    return np.maximum(np.hypot((xx - yy) / 2, xy) - (xx + yy) / 2, 0.0)
 
 
 def _largest(frozen, triangles: list, stresses: list, size: float) -> float:

@@ -44,11 +44,11 @@ class Change:
     displacement: float
     added: np.ndarray
     size: np.ndarray
-    buckling: tuple[float, float]  # as buckling.reached has it
+    buckling: tuple[float, np.ndarray | float]  # as buckling.reached has it
 
     @classmethod
     def of(cls, problem, solver, step, status: np.ndarray, fields: list[np.ndarray],
-           strained: float = 0.0) -> "Change":
+           strained: np.ndarray | float = 0.0) -> "Change":
         """Of a step with the displacements `fields` (dofs,) and the `status` (n_c,) of its contact
         nodes; `strained` as buckling.reached has it of steps before. Collective; raises
         NotConverged where the state of the step holds nothing.

@@ -167,6 +167,16 @@ def test_straight_columns_have_a_part_of_eulers_load(solved, tmp_path, text, sha
     assert valid["verdict"] == verdict and ("buckles" in valid["reason"]) == (verdict != "ok")
 
 
+def test_a_column_that_is_pulled_in_the_end_was_pressed_before(solved, tmp_path):
+    """By a little more, so that the strains of both steps are alike: compression alone buckles."""
+    path = tmp_path / "column.edp"
+    path.write_text(COLUMN.replace("macro young", "quasistatic(2.);\nmacro amplitude1(t) "
+                                   "(t < 1.5 ? 1. : -0.95) //\nmacro young"))
+    valid = solved(str(path), element="P2", share=0.7, cells=2, steps=2).summary["validity"]
+    assert valid["buckling"] == pytest.approx(0.7, rel=0.02)
+    assert valid["verdict"] == "questionable"
+
+
 def test_steps_that_eliminate_gluing_rows_answer_by_contact_rows_alone(built, steps_of):
     """One factorization of the state without Coulomb's coupling, and four products for each of the
     answers, the last to judge it; conjugate gradients take ten and more.
