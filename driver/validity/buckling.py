@@ -3,8 +3,9 @@
 The stress s of a step changes the stiffness K by G, v' G w = int s : Q(grad v, grad w) with Q of
 second_order.py: K + mu G is singular where 1/mu is an eigenvalue of -K^-1 G, and the largest of
 these is the part of the buckling load that has been reached, with contact as it is at the end of
-the step. It is sought in a Krylov space of a few vectors, from forces that are smooth and have no
-symmetry: a lower bound, mostly within some hundredths. A straight strut shows nothing of it in its
+the step. It is sought in a Krylov space of a few vectors, from forces that are smooth, have no
+symmetry and act where bodies are compressed, as a strut may be a small part of a large body: a
+lower bound, mostly within some hundredths. A straight strut shows nothing of it in its
 displacements.
 
 The first of the vectors, by which bodies give way most, mostly tells by its Rayleigh quotient that
@@ -62,7 +63,9 @@ def _largest(frozen, triangles: list, stresses: list, size: float) -> float:
         return [-of.nodal(0.0 * stress, turning(stress, of.gradient(v)))
                 for of, stress, v in zip(triangles, stresses, w)]
 
-    force, answers, forces, changed = [of.uneven_forces(size) for of in triangles], [], [], []
+    force = [of.uneven_forces(size, compression(stress) / of.law[0, 0])
+             for of, stress in zip(triangles, stresses)]
+    answers, forces, changed = [], [], []
     for k in range(VECTORS):
         _, w = frozen.under(force)
         norm = np.sqrt(abs(_work(frozen, triangles, force, w, total))) or 1.0

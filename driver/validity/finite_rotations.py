@@ -70,10 +70,12 @@ class Triangles:
         """Twice an energy, of strains that may lack the hoop's."""
         return float((self.share * sum(map(np.multiply, stress, strain))).sum())
 
-    def uneven_forces(self, size: float) -> np.ndarray:
-        """(dofs,) of forces per volume that vary over a length `size` and have no symmetry."""
+    def uneven_forces(self, size: float, part: np.ndarray) -> np.ndarray:
+        """(dofs,) of forces per volume that vary over a length `size` and have no symmetry, times
+        `part` (n_t, m).
+        """
         x, y = np.moveaxis(self.sub.xy[self.sub.elements[:, :3]].mean(axis=1), -1, 0)
-        nodal = np.einsum("tm,mn->tn", self.share, self.shape)
+        nodal = (self.share * part) @ self.shape
         per = np.stack([np.cos(1.3 * x / size + 0.4) + 0.3, 1.0 + np.sin(2.1 * y / size + 0.7)])
         count, node = len(self.sub.xy), self.sub.elements.ravel()
         return np.column_stack([np.bincount(node, (nodal * of[:, None]).ravel(), count)

@@ -221,6 +221,34 @@ def test_thin_columns_under_a_stout_beam_buckle(solved, tmp_path):
     assert valid["buckling"] == pytest.approx(1.5, rel=0.05) and valid["verdict"] == "invalid"
 
 
+ON_BLOCK = HEAD + '''real a = 100., L = 20.;
+border under(t=0, 1) { x = a*t; y = 0; label = 1; }
+border right(t=0, 1) { x = a; y = a*t; label = 2; }
+border beside(t=0, 1) { x = a - (a/2 - 0.5)*t; y = a; label = 2; }
+border up(t=0, 1) { x = a/2 + 0.5; y = a + L*t; label = 2; }
+border head(t=0, 1) { x = a/2 + 0.5 - t; y = a + L; label = 3; }
+border down(t=0, 1) { x = a/2 - 0.5; y = a + L - L*t; label = 2; }
+border beyond(t=0, 1) { x = (a/2 - 0.5)*(1 - t); y = a; label = 2; }
+border left(t=0, 1) { x = 0; y = a*(1 - t); label = 2; }
+body = buildmesh(under(8) + right(8) + beside(8) + up(20) + head(1) + down(20) + beyond(8)
+                 + left(8));
+macro young() 1000. //
+macro poisson() 0. //
+macro support() on(1, u1 = 0., u2 = 0.) //
+macro load1() traction(3, 0., -1.2*pi^2*1000./12./(4.*L^2)) //
+include "export.idp"
+'''
+
+
+def test_a_strut_that_is_a_small_part_of_a_body_buckles_as_any_other(solved, tmp_path):
+    """With 1.2 of Euler's load; a block of 500 times its area gives way beneath it, by less than
+    the twentieth by which a length that is t/2 larger, of 20 t, lowers that.
+    """
+    (tmp_path / "onblock.edp").write_text(ON_BLOCK)
+    valid = solved(str(tmp_path / "onblock.edp"), element="P2").summary["validity"]
+    assert valid["buckling"] == pytest.approx(1.2, rel=0.05) and valid["verdict"] == "invalid"
+
+
 GROOVE = HEAD + '''border low(t = pi, 2*pi) { x = 10.*cos(t); y = 10.*sin(t); label = 1; }
 border top(t = 1, -1) { x = 10.*t; y = 0.; label = 3; }
 body = buildmesh(low(80) + top(12));
