@@ -90,3 +90,10 @@ def test_a_range_whose_table_does_not_resolve_the_factor_is_said(solved, scene, 
     lines = [line for line in run.summary["warnings"] if "slipRange" in line]
     assert run.status == 0 and len(lines) == said
     assert not said or "slipRange/1000 = 1, " in lines[0] and "up to 0.19:" in lines[0]
+
+
+def test_a_factor_that_is_no_number_before_the_first_value_of_its_table_is_refused(solved, scene):
+    """The root is real at 0 and beyond 0.0004, of a table in steps of 0.001."""
+    text = scene(DRAGGED, ("RANGE", "1."), ("20.*min(s, 0.01)", "sqrt((s)*((s) - 0.0004))"))
+    run = solved(text, steps=2)
+    assert run.status == 2 and "slipFactor is no finite number at 5e-05" in run.reason
