@@ -8,6 +8,10 @@ symmetry and act where bodies are compressed, as a strut may be a small part of 
 lower bound, mostly within some hundredths. A straight strut shows nothing of it in its
 displacements.
 
+Pressure from all sides, as in rubber that fills a groove, is left out: it does work on changes of
+volume alone, if its loads turn with the surface as a fluid's do. By Q, which knows lengths only, a
+pressure of twice the shear modulus would take all stiffness.
+
 The first of the vectors, by which bodies give way most, mostly tells by its Rayleigh quotient that
 nothing is near its buckling load: then it is the only one. Bodies that contact alone keeps from
 turning are not looked at: they roll, and other points carry their forces then.
@@ -35,7 +39,8 @@ def reached(frozen, structure, fields: list[np.ndarray],
     if rolls(structure):
         return 0.0, before
     triangles = [Triangles(sub) for sub in structure.subdomains]
-    stresses = [of.of_run(of.gradient(u), u, weights) for of, u in zip(triangles, fields)]
+    stresses = [without_pressure(of.of_run(of.gradient(u), u, weights))
+                for of, u in zip(triangles, fields)]
     sums = np.zeros((2, structure.total))  # volume, and the square of a strain in it
     for of, stress in zip(triangles, stresses):
         pressed = compression(stress) / of.law[0, 0]
@@ -47,6 +52,14 @@ def reached(frozen, structure, fields: list[np.ndarray],
         return 0.0, before
     part = _largest(frozen, triangles, stresses, bodies.size.max())
     return part, np.maximum(strain, before)
+
+
+def without_pressure(stress: np.ndarray) -> np.ndarray:
+    """Stresses (3 or 4, n_t, m) less the pressure in them that acts in all directions of the plane.
+    """
+    xx, yy, xy = stress[:3]
+    around = np.maximum(-(xx + yy) / 2 - np.hypot((xx - yy) / 2, xy), 0.0)
+    return np.array([xx + around, yy + around, *stress[2:]])
 
 
 def compression(stress: np.ndarray) -> np.ndarray:

@@ -269,3 +269,21 @@ def test_a_round_bar_that_may_turn_in_its_groove_does_not_buckle(solved, tmp_pat
     assert run.summary["boundaries"][0]["normal_resultant"] == pytest.approx(200.0, rel=1e-6)
     assert run.summary["validity"]["buckling"] == 0.0
     assert run.summary["validity"]["verdict"] == "ok"
+
+
+RUBBER = HEAD + '''rectangle(0., 10., 0., 5.);
+macro young() 4. //
+macro poisson() 0.4999 //
+macro support() on(1, u2 = 0.) + on(2, u1 = 0.) + on(4, u1 = 0.) //
+macro load1() pressure(3, 10.) //
+include "export.idp"
+'''
+
+
+def test_rubber_that_fills_a_groove_does_not_buckle(solved, tmp_path):
+    """Under 7.5 times its shear modulus, by strains of 10 (1 + nu) (1 - 2 nu) / (4 (1 - nu))."""
+    (tmp_path / "rubber.edp").write_text(RUBBER)
+    run = solved(str(tmp_path / "rubber.edp"), element="P2-mixed", cells=4)
+    valid = run.summary["validity"]
+    assert valid["largest_strain"] == pytest.approx(0.0015, rel=0.01)
+    assert valid["buckling"] < 0.01 and valid["verdict"] == "ok"
