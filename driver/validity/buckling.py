@@ -8,9 +8,8 @@ symmetry and act where bodies are compressed, as a strut may be a small part of 
 lower bound, mostly within some hundredths. A straight strut shows nothing of it in its
 displacements.
 
-Pressure from all sides, as in rubber that fills a groove, is left out: it does work on changes of
-volume alone, if its loads turn with the surface as a fluid's do. By Q, which knows lengths only, a
-pressure of twice the shear modulus would take all stiffness.
+Pressure from all sides is left out, see finite_rotations.without_pressure: if it is twice the shear
+modulus it would take all stiffness.
 
 The first of the vectors, by which bodies give way most, mostly tells by its Rayleigh quotient that
 nothing is near its buckling load: then it is the only one. Bodies that contact alone keeps from
@@ -19,7 +18,7 @@ turning are not looked at: they roll, and other points carry their forces then.
 
 import numpy as np
 
-from .finite_rotations import Triangles, rolls, turning
+from .finite_rotations import Triangles, rolls, turning, without_pressure
 
 VECTORS = 6
 SLIGHT = 0.02  # quotient of the first vector with which it is the only one
@@ -52,14 +51,6 @@ def reached(frozen, structure, fields: list[np.ndarray],
         return 0.0, before
     part = _largest(frozen, triangles, stresses, bodies.size.max())
     return part, np.maximum(strain, before)
-
-
-def without_pressure(stress: np.ndarray) -> np.ndarray:
-    """Stresses (3 or 4, n_t, m) less the pressure in them that acts in all directions of the plane.
-    """
-    xx, yy, xy = stress[:3]
-    around = np.maximum(-(xx + yy) / 2 - np.hypot((xx - yy) / 2, xy), 0.0)
-    return np.array([xx + around, yy + around, *stress[2:]])
 
 
 def compression(stress: np.ndarray) -> np.ndarray:

@@ -107,6 +107,18 @@ def turning(stress: np.ndarray, d: np.ndarray) -> np.ndarray:
     return np.array([[-turn * xy, turn * xx + skew], [-turn * yy - skew, turn * xy]])
 
 
+def without_pressure(stress: np.ndarray) -> np.ndarray:
+    """Stresses (3 or 4, n_t, m) less the pressure in them that acts in all directions of the plane.
+
+    As in rubber that fills a groove: it does work on changes of volume alone, if its loads turn
+    with the surface as a fluid's do. Biot's strain, which knows lengths only, would have it do work
+    on rotations: much where it is as large as the shear modulus.
+    """
+    xx, yy, xy = stress[:3]
+    around = np.maximum(-(xx + yy) / 2 - np.hypot((xx - yy) / 2, xy), 0.0)
+    return np.array([xx + around, yy + around, *stress[2:]])
+
+
 def _parts(d: np.ndarray) -> tuple[np.ndarray, ...]:
     """Strains xx, yy, xy and angle, counterclockwise, of gradients."""
     return d[0, 0], d[1, 1], (d[0, 1] + d[1, 0]) / 2, (d[0, 1] - d[1, 0]) / 2

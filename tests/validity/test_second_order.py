@@ -128,7 +128,7 @@ def test_forces_of_second_order_are_those_of_biots_strain(built, scene, options)
     smooth = np.column_stack([np.ones(len(x)), x, x**2, x.prod(axis=1)])
     u, v = (0.1 * np.ptp(sub.xy, axis=0).max() * (smooth @ rng.standard_normal((6, 2))).ravel()
             for _ in range(2))
-    found = second_order.unbalanced(sub, u, np.zeros(len(sub.loads)))[0] @ v
+    found = second_order.unbalanced(sub, u, np.zeros(len(sub.loads)), np.array)[0] @ v
     a, b = 1e-2, 1e-4  # of u and of v: the even part in a is that of second order
     work = [(stretched(sub, s * a * u + b * v) - stretched(sub, s * a * u - b * v)) / (2 * b)
             for s in (1, -1)]
@@ -271,11 +271,12 @@ def test_a_round_bar_that_may_turn_in_its_groove_does_not_buckle(solved, tmp_pat
     assert run.summary["validity"]["verdict"] == "ok"
 
 
-RUBBER = HEAD + '''rectangle(0., 10., 0., 5.);
+RUBBER = HEAD + '''real uneven = physical("uneven", 0.);
+rectangle(0., 10., 0., 5.);
 macro young() 4. //
 macro poisson() 0.4999 //
 macro support() on(1, u2 = 0.) + on(2, u1 = 0.) + on(4, u1 = 0.) //
-macro load1() pressure(3, 10.) //
+macro load1() pressure(3, 10. + uneven*sin(x)) //
 include "export.idp"
 '''
 
@@ -287,3 +288,12 @@ def test_rubber_that_fills_a_groove_does_not_buckle(solved, tmp_path):
     valid = run.summary["validity"]
     assert valid["largest_strain"] == pytest.approx(0.0015, rel=0.01)
     assert valid["buckling"] < 0.01 and valid["verdict"] == "ok"
+
+
+def test_pressure_from_all_sides_does_no_work_on_rotations(solved, tmp_path):
+    """Rubber likewise, under pressure that is uneven by a hundredth: it turns by little."""
+    (tmp_path / "rubber.edp").write_text(RUBBER)
+    run = solved(str(tmp_path / "rubber.edp"), element="P2-mixed", cells=4, uneven=0.1)
+    valid = run.summary["validity"]
+    assert 0.02 < valid["largest_rotation"] < 0.05
+    assert valid["second_order"] < valid["largest_rotation"] and valid["verdict"] == "ok"
