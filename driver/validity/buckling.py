@@ -8,8 +8,9 @@ symmetry and act where bodies are compressed, as a strut may be a small part of 
 lower bound, mostly within some hundredths. A straight strut shows nothing of it in its
 displacements.
 
-Pressure from all sides is left out, see finite_rotations.without_pressure: if it is twice the shear
-modulus it would take all stiffness.
+Pressure from all sides is left out of nearly incompressible materials, see
+finite_rotations.Triangles.turning_part: if it is twice the shear modulus it would take all
+stiffness.
 
 The first of the vectors, by which bodies give way most, mostly tells by its Rayleigh quotient that
 nothing is near its buckling load: then it is the only one. Bodies that contact alone keeps from
@@ -18,7 +19,7 @@ turning are not looked at: they roll, and other points carry their forces then.
 
 import numpy as np
 
-from .finite_rotations import Triangles, rolls, turning, without_pressure
+from .finite_rotations import Triangles, rolls, turning
 
 VECTORS = 6
 SLIGHT = 0.02  # quotient of the first vector with which it is the only one
@@ -38,7 +39,7 @@ def reached(frozen, structure, fields: list[np.ndarray],
     if rolls(structure):
         return 0.0, before
     triangles = [Triangles(sub) for sub in structure.subdomains]
-    stresses = [without_pressure(of.of_run(of.gradient(u), u, weights))
+    stresses = [of.turning_part(of.of_run(of.gradient(u), u, weights))
                 for of, u in zip(triangles, fields)]
     sums = np.zeros((2, structure.total))  # volume, and the square of a strain in it
     for of, stress in zip(triangles, stresses):

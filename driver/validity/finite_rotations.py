@@ -4,7 +4,7 @@
 import numpy as np
 
 from ..scene import elements
-
+from .soundness import NEARLY_INCOMPRESSIBLE
 
 TURNS = 1e-10  # rotation times size of a rigid motion that turns a body
 
@@ -66,6 +66,19 @@ class Triangles:
             stress -= weights[pattern] * np.moveaxis(of_places, -1, 0)
         return stress
 
+    def turning_part(self, stress: np.ndarray) -> np.ndarray:
+        """Stresses that do work on rotations: in nearly incompressible materials less the pressure
+        in them that acts in all directions of the plane.
+
+        As in rubber that fills a groove: that does work on changes of volume alone, if its loads
+        turn with the surface as a fluid's do. Biot's strain, which knows lengths only, would have
+        it do work on rotations: much where it is as large as the shear modulus.
+        """
+        xx, yy, xy = stress[:3]
+        around = np.maximum(-(xx + yy) / 2 - np.hypot((xx - yy) / 2, xy), 0.0)
+        around = np.where(self.law[0, 1] > NEARLY_INCOMPRESSIBLE * self.law[2, 2], around, 0.0)
+        return np.array([xx + around, yy + around, *stress[2:]])
+
     def work(self, stress: np.ndarray, strain: np.ndarray) -> float:
         """Twice an energy, of strains that may lack the hoop's."""
         return float((self.share * sum(map(np.multiply, stress, strain))).sum())
@@ -105,18 +118,6 @@ def turning(stress: np.ndarray, d: np.ndarray) -> np.ndarray:
     (xx, yy, xy), (exx, eyy, exy, turn) = stress[:3], _parts(d)
     skew = (exy * (xx - yy) - xy * (exx - eyy)) / 2
     return np.array([[-turn * xy, turn * xx + skew], [-turn * yy - skew, turn * xy]])
-
-
-def without_pressure(stress: np.ndarray) -> np.ndarray:
-    """Stresses (3 or 4, n_t, m) less the pressure in them that acts in all directions of the plane.
-
-    As in rubber that fills a groove: it does work on changes of volume alone, if its loads turn
-    with the surface as a fluid's do. Biot's strain, which knows lengths only, would have it do work
-    on rotations: much where it is as large as the shear modulus.
-    """
-    xx, yy, xy = stress[:3]
-    around = np.maximum(-(xx + yy) / 2 - np.hypot((xx - yy) / 2, xy), 0.0)
-    return np.array([xx + around, yy + around, *stress[2:]])
 
 
 def _parts(d: np.ndarray) -> tuple[np.ndarray, ...]:

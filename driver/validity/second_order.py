@@ -27,7 +27,7 @@ from ..contact.states import STICK
 from ..feti.gathering import largest
 from ..march.frozen_state import FrozenState
 from . import buckling
-from .finite_rotations import Triangles, rolls, stretch, turning, without_pressure
+from .finite_rotations import Triangles, rolls, stretch, turning
 
 LEAST = 0.1  # of the largest force of a boundary: smaller ones count as such
 SLIGHT = 0.01  # energy of what strains leave out, over theirs, up to which the third order counts
@@ -119,17 +119,15 @@ def answer(frozen, structure, fields: list[np.ndarray]) -> tuple[np.ndarray, lis
     return frozen.under([a + b for a, b in zip(second, third)])
 
 
-def unbalanced(sub, u: np.ndarray, weights: np.ndarray,
-               turned=without_pressure) -> tuple[np.ndarray, tuple[float, float]]:
+def unbalanced(sub, u: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, tuple[float, float]]:
     """(dofs,) nodal forces of second order of a subdomain's displacements u (dofs,), with the
-    energies of its strains and of what these leave out; `weights` (patterns,), `turned` (stresses)
-    -> those that do work on rotations.
+    energies of its strains and of what these leave out; `weights` (patterns,).
     """
     of = Triangles(sub)
     d = of.gradient(u)
     stress, more = of.of_run(d, u, weights), stretch(d, d) / 2
     stiffer = of.elastic(more)
-    force = of.nodal(stiffer, turning(turned(stress), d))
+    force = of.nodal(stiffer, turning(of.turning_part(stress), d))
     return force, (of.work(stress, of.strain(d, u)), of.work(stiffer, more))
 
 
@@ -138,5 +136,6 @@ def of_third_order(sub, u: np.ndarray, weights: np.ndarray, w: np.ndarray) -> np
     of = Triangles(sub)
     d, g = of.gradient(u), of.gradient(w)
     more = of.elastic(of.strain(g, w)) + of.elastic(stretch(d, d)) / 2
-    force = turning(without_pressure(of.of_run(d, u, weights)), g) + turning(more, d)
+    stress = of.turning_part(of.of_run(d, u, weights))
+    force = turning(stress, g) + turning(more, d)
     return of.nodal(of.elastic(stretch(d, g)), force)

@@ -128,7 +128,7 @@ def test_forces_of_second_order_are_those_of_biots_strain(built, scene, options)
     smooth = np.column_stack([np.ones(len(x)), x, x**2, x.prod(axis=1)])
     u, v = (0.1 * np.ptp(sub.xy, axis=0).max() * (smooth @ rng.standard_normal((6, 2))).ravel()
             for _ in range(2))
-    found = second_order.unbalanced(sub, u, np.zeros(len(sub.loads)), np.array)[0] @ v
+    found = second_order.unbalanced(sub, u, np.zeros(len(sub.loads)))[0] @ v
     a, b = 1e-2, 1e-4  # of u and of v: the even part in a is that of second order
     work = [(stretched(sub, s * a * u + b * v) - stretched(sub, s * a * u - b * v)) / (2 * b)
             for s in (1, -1)]
