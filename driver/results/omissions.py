@@ -17,6 +17,7 @@ APART = 0.5  # of that size, from which on a declared distance is seldom meant
 LACKS = 1e-3  # part of all friction that a node may lack unnoticed
 SLIDES = 1e-6  # part of the largest slip that is one
 ROUNDED = 1e-9  # part of a load that is none
+LONGER = 10.0  # times the largest slip, up to which a table of a law of that is fine enough
 UNRESOLVED = 0.01  # part of the largest factor of friction by which its table may be wrong
 OVERLAP, FACETS = 1e-3, 0.05  # of the boundary's size, of a dual segment: what facets may overlap
 
@@ -80,10 +81,16 @@ def far_gaps(structure, declared) -> list[str]:
     return said
 
 
-def coarse_table(effects) -> list[str]:
-    """A sentence if friction depends on slip in a way that its table does not resolve."""
+def coarse_table(record, effects) -> list[str]:
+    """A sentence if friction depends on slip in a way that its table does not resolve, unless it is
+    as fine as tables are: a factor that jumps at once is a line within a small part of the slip.
+    """
     law = effects.rooms.get("slip_law")
     if law is None or law.missed <= UNRESOLVED * law.values.max():
+        return []
+    most = (np.abs(record.states["u_t"]) if law.argument == "displacement" else
+            np.abs(record.states["slip"]).sum(axis=0)).max(initial=0.0)
+    if law.arguments[-1] <= LONGER * most:
         return []
     return [f"the factor of friction bends within the first step of its table, slipRange/1000 = "
             f"{law.arguments[1]:.3g}, where it is taken as linear and wrong by up to "

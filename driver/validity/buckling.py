@@ -3,9 +3,14 @@
 The stress s of a step changes the stiffness K by G, v' G w = int s : Q(grad v, grad w) with Q of
 second_order.py: K + mu G is singular where 1/mu is an eigenvalue of -K^-1 G, and the largest of
 these is the part of the buckling load that has been reached, with contact as it is at the end of
-the step. It is sought in a Krylov space of a few vectors, from forces that are smooth and have no
-symmetry: a lower bound, mostly within some hundredths. A straight strut shows nothing of it in its
+the step. It is sought in a Krylov space of a few vectors, from forces that are smooth, have no
+symmetry and act where bodies are compressed, as a strut may be a small part of a large body: a
+lower bound, mostly within some hundredths. A straight strut shows nothing of it in its
 displacements.
+
+Pressure from all sides is left out of nearly incompressible materials, see
+finite_rotations.Triangles.turning_part: if it is twice the shear modulus it would take all
+stiffness.
 
 The first of the vectors, by which bodies give way most, mostly tells by its Rayleigh quotient that
 nothing is near its buckling load: then it is the only one. Bodies that contact alone keeps from
@@ -18,29 +23,41 @@ from .finite_rotations import Triangles, rolls, turning
 
 VECTORS = 6
 SLIGHT = 0.02  # quotient of the first vector with which it is the only one
-MORE = 1.2  # times the stresses of a step that was looked at, for another one to be
+# times the compression of a body in steps that were looked at, for another one to be: tension says
+# nothing of it, however large
+MORE = 1.2
 DEPENDENT = 1e-10  # part of the largest of the space's eigenvalues that is rounding
 
 
-def reached(frozen, structure, fields: list[np.ndarray], before: float) -> tuple[float, float]:
+def reached(frozen, structure, fields: list[np.ndarray],
+            before: np.ndarray | float) -> tuple[float, np.ndarray | float]:
     """Part of the buckling load in the step of a FrozenState with displacements `fields` (dofs,) of
-    the local subdomains, and how much bodies are strained, to be given as `before` for another
-    step; 0 where none is strained by more than before. Collective.
+    the local subdomains, and how much each of the bodies is compressed, a strain, to be given as
+    `before` for another step; 0 where none is compressed by more than before. Collective.
     """
     weights, bodies = frozen.step.weights, structure.travel.bodies
     if rolls(structure):
         return 0.0, before
     triangles = [Triangles(sub) for sub in structure.subdomains]
-    stresses = [of.of_run(of.gradient(u), u, weights) for of, u in zip(triangles, fields)]
+    stresses = [of.turning_part(of.of_run(of.gradient(u), u, weights))
+                for of, u in zip(triangles, fields)]
     sums = np.zeros((2, structure.total))  # volume, and the square of a strain in it
     for of, stress in zip(triangles, stresses):
-        sums[:, of.sub.index] = of.share.sum(), of.work(stress / of.law[0, 0]**2, stress)
+        pressed = compression(stress) / of.law[0, 0]
+        sums[:, of.sub.index] = of.share.sum(), (of.share * pressed**2).sum()
     volume, square = (np.bincount(bodies.number, values, len(bodies.size))
                       for values in frozen.operator.comm.allreduce(sums))
-    strain = float(np.sqrt(square / np.where(volume > 0, volume, np.inf)).max(initial=0.0))
-    if strain <= MORE * before:
+    strain = np.sqrt(square / np.where(volume > 0, volume, np.inf))
+    if (strain <= MORE * before).all():
         return 0.0, before
-    return _largest(frozen, triangles, stresses, bodies.size.max()), strain
+    part = _largest(frozen, triangles, stresses, bodies.size.max())
+    return part, np.maximum(strain, before)
+
+
+def compression(stress: np.ndarray) -> np.ndarray:
+    """(n_t, m) largest pressure on a section in the plane of stresses (3 or 4, n_t, m), or zero."""
+    xx, yy, xy = stress[:3]
+    return np.maximum(np.hypot((xx - yy) / 2, xy) - (xx + yy) / 2, 0.0)
 
 
 def _largest(frozen, triangles: list, stresses: list, size: float) -> float:
@@ -51,7 +68,9 @@ def _largest(frozen, triangles: list, stresses: list, size: float) -> float:
         return [-of.nodal(0.0 * stress, turning(stress, of.gradient(v)))
                 for of, stress, v in zip(triangles, stresses, w)]
 
-    force, answers, forces, changed = [of.uneven_forces(size) for of in triangles], [], [], []
+    force = [of.uneven_forces(size, compression(stress) / of.law[0, 0])
+             for of, stress in zip(triangles, stresses)]
+    answers, forces, changed = [], [], []
     for k in range(VECTORS):
         _, w = frozen.under(force)
         norm = np.sqrt(abs(_work(frozen, triangles, force, w, total))) or 1.0

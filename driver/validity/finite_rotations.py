@@ -4,7 +4,7 @@
 import numpy as np
 
 from ..scene import elements
-
+from .soundness import NEARLY_INCOMPRESSIBLE
 
 TURNS = 1e-10  # rotation times size of a rigid motion that turns a body
 
@@ -66,14 +66,29 @@ class Triangles:
             stress -= weights[pattern] * np.moveaxis(of_places, -1, 0)
         return stress
 
+    def turning_part(self, stress: np.ndarray) -> np.ndarray:
+        """Stresses that do work on rotations: in nearly incompressible materials less the pressure
+        in them that acts in all directions of the plane.
+
+        As in rubber that fills a groove: that does work on changes of volume alone, if its loads
+        turn with the surface as a fluid's do. Biot's strain, which knows lengths only, would have
+        it do work on rotations: much where it is as large as the shear modulus.
+        """
+        xx, yy, xy = stress[:3]
+        around = np.maximum(-(xx + yy) / 2 - np.hypot((xx - yy) / 2, xy), 0.0)
+        around = np.where(self.law[0, 1] > NEARLY_INCOMPRESSIBLE * self.law[2, 2], around, 0.0)
+        return np.array([xx + around, yy + around, *stress[2:]])
+
     def work(self, stress: np.ndarray, strain: np.ndarray) -> float:
         """Twice an energy, of strains that may lack the hoop's."""
         return float((self.share * sum(map(np.multiply, stress, strain))).sum())
 
-    def uneven_forces(self, size: float) -> np.ndarray:
-        """(dofs,) of forces per volume that vary over a length `size` and have no symmetry."""
+    def uneven_forces(self, size: float, part: np.ndarray) -> np.ndarray:
+        """(dofs,) of forces per volume that vary over a length `size` and have no symmetry, times
+        `part` (n_t, m).
+        """
         x, y = np.moveaxis(self.sub.xy[self.sub.elements[:, :3]].mean(axis=1), -1, 0)
-        nodal = np.einsum("tm,mn->tn", self.share, self.shape)
+        nodal = (self.share * part) @ self.shape
         per = np.stack([np.cos(1.3 * x / size + 0.4) + 0.3, 1.0 + np.sin(2.1 * y / size + 0.7)])
         count, node = len(self.sub.xy), self.sub.elements.ravel()
         return np.column_stack([np.bincount(node, (nodal * of[:, None]).ravel(), count)

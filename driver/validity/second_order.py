@@ -44,11 +44,11 @@ class Change:
     displacement: float
     added: np.ndarray
     size: np.ndarray
-    buckling: tuple[float, float]  # as buckling.reached has it
+    buckling: tuple[float, np.ndarray | float]  # as buckling.reached has it
 
     @classmethod
     def of(cls, problem, solver, step, status: np.ndarray, fields: list[np.ndarray],
-           strained: float = 0.0) -> "Change":
+           strained: np.ndarray | float = 0.0) -> "Change":
         """Of a step with the displacements `fields` (dofs,) and the `status` (n_c,) of its contact
         nodes; `strained` as buckling.reached has it of steps before. Collective; raises
         NotConverged where the state of the step holds nothing.
@@ -127,7 +127,7 @@ def unbalanced(sub, u: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, tup
     d = of.gradient(u)
     stress, more = of.of_run(d, u, weights), stretch(d, d) / 2
     stiffer = of.elastic(more)
-    force = of.nodal(stiffer, turning(stress, d))
+    force = of.nodal(stiffer, turning(of.turning_part(stress), d))
     return force, (of.work(stress, of.strain(d, u)), of.work(stiffer, more))
 
 
@@ -136,5 +136,6 @@ def of_third_order(sub, u: np.ndarray, weights: np.ndarray, w: np.ndarray) -> np
     of = Triangles(sub)
     d, g = of.gradient(u), of.gradient(w)
     more = of.elastic(of.strain(g, w)) + of.elastic(stretch(d, d)) / 2
-    force = turning(of.of_run(d, u, weights), g) + turning(more, d)
+    stress = of.turning_part(of.of_run(d, u, weights))
+    force = turning(stress, g) + turning(more, d)
     return of.nodal(of.elastic(stretch(d, g)), force)

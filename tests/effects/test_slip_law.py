@@ -90,3 +90,24 @@ def test_a_range_whose_table_does_not_resolve_the_factor_is_said(solved, scene, 
     lines = [line for line in run.summary["warnings"] if "slipRange" in line]
     assert run.status == 0 and len(lines) == said
     assert not said or "slipRange/1000 = 1, " in lines[0] and "up to 0.19:" in lines[0]
+
+
+def test_a_factor_that_is_no_number_before_the_first_value_of_its_table_is_refused(solved, scene):
+    """The root is real at 0 and beyond 0.0004, of a table in steps of 0.001."""
+    text = scene(DRAGGED, ("RANGE", "1."), ("20.*min(s, 0.01)", "sqrt((s)*((s) - 0.0004))"))
+    run = solved(text, steps=2)
+    assert run.status == 2 and "slipFactor is no finite number at 5e-05" in run.reason
+
+
+@pytest.mark.parametrize("length, said", [("0.01", False), ("1.", True)])
+@pytest.mark.parametrize("argument", ["slip", "displacement"])
+def test_a_factor_that_jumps_at_once_needs_a_range_like_the_slip_and_no_other(
+        solved, scene, argument, length, said):
+    """Static and kinetic friction: no table has the jump, but of a range of up to ten times the
+    slip of 0.0016 it lies within a hundredth of that.
+    """
+    text = scene(DRAGGED, ("RANGE", length), ("(1. - 20.*min(s, 0.01))", "(s > 0. ? 0.7 : 1.)"),
+                 ("slipFactor", f"{argument}Factor"))
+    run = solved(text, steps=2)
+    lines = [line for line in run.summary["warnings"] if "slipRange" in line]
+    assert run.status == 0 and len(lines) == said

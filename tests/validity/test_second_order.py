@@ -177,6 +177,16 @@ def test_straight_columns_have_a_part_of_eulers_load(solved, tmp_path, text, sha
     assert valid["verdict"] == verdict and ("buckles" in valid["reason"]) == (verdict != "ok")
 
 
+def test_a_column_that_is_pulled_in_the_end_was_pressed_before(solved, tmp_path):
+    """By a little more, so that the strains of both steps are alike: compression alone buckles."""
+    path = tmp_path / "column.edp"
+    path.write_text(COLUMN.replace("macro young", "quasistatic(2.);\nmacro amplitude1(t) "
+                                   "(t < 1.5 ? 1. : -0.95) //\nmacro young"))
+    valid = solved(str(path), element="P2", share=0.7, cells=2, steps=2).summary["validity"]
+    assert valid["buckling"] == pytest.approx(0.7, rel=0.02)
+    assert valid["verdict"] == "questionable"
+
+
 def test_steps_that_eliminate_gluing_rows_answer_by_contact_rows_alone(built, steps_of):
     """One factorization of the state without Coulomb's coupling, and four products for each of the
     answers, the last to judge it; conjugate gradients take ten and more.
@@ -222,6 +232,34 @@ def test_thin_columns_under_a_stout_beam_buckle(solved, tmp_path):
     assert valid["buckling"] == pytest.approx(1.5, rel=0.05) and valid["verdict"] == "invalid"
 
 
+ON_BLOCK = HEAD + '''real a = 100., L = 20.;
+border under(t=0, 1) { x = a*t; y = 0; label = 1; }
+border right(t=0, 1) { x = a; y = a*t; label = 2; }
+border beside(t=0, 1) { x = a - (a/2 - 0.5)*t; y = a; label = 2; }
+border up(t=0, 1) { x = a/2 + 0.5; y = a + L*t; label = 2; }
+border head(t=0, 1) { x = a/2 + 0.5 - t; y = a + L; label = 3; }
+border down(t=0, 1) { x = a/2 - 0.5; y = a + L - L*t; label = 2; }
+border beyond(t=0, 1) { x = (a/2 - 0.5)*(1 - t); y = a; label = 2; }
+border left(t=0, 1) { x = 0; y = a*(1 - t); label = 2; }
+body = buildmesh(under(8) + right(8) + beside(8) + up(20) + head(1) + down(20) + beyond(8)
+                 + left(8));
+macro young() 1000. //
+macro poisson() 0. //
+macro support() on(1, u1 = 0., u2 = 0.) //
+macro load1() traction(3, 0., -1.2*pi^2*1000./12./(4.*L^2)) //
+include "export.idp"
+'''
+
+
+def test_a_strut_that_is_a_small_part_of_a_body_buckles_as_any_other(solved, tmp_path):
+    """With 1.2 of Euler's load; a block of 500 times its area gives way beneath it, by less than
+    the twentieth by which a length that is t/2 larger, of 20 t, lowers that.
+    """
+    (tmp_path / "onblock.edp").write_text(ON_BLOCK)
+    valid = solved(str(tmp_path / "onblock.edp"), element="P2").summary["validity"]
+    assert valid["buckling"] == pytest.approx(1.2, rel=0.05) and valid["verdict"] == "invalid"
+
+
 GROOVE = HEAD + '''border low(t = pi, 2*pi) { x = 10.*cos(t); y = 10.*sin(t); label = 1; }
 border top(t = 1, -1) { x = 10.*t; y = 0.; label = 3; }
 body = buildmesh(low(80) + top(12));
@@ -242,3 +280,31 @@ def test_a_round_bar_that_may_turn_in_its_groove_does_not_buckle(solved, tmp_pat
     assert run.summary["boundaries"][0]["normal_resultant"] == pytest.approx(200.0, rel=1e-6)
     assert run.summary["validity"]["buckling"] == 0.0
     assert run.summary["validity"]["verdict"] == "ok"
+
+
+RUBBER = HEAD + '''real uneven = physical("uneven", 0.);
+rectangle(0., 10., 0., 5.);
+macro young() 4. //
+macro poisson() 0.4999 //
+macro support() on(1, u2 = 0.) + on(2, u1 = 0.) + on(4, u1 = 0.) //
+macro load1() pressure(3, 10. + uneven*sin(x)) //
+include "export.idp"
+'''
+
+
+def test_rubber_that_fills_a_groove_does_not_buckle(solved, tmp_path):
+    """Under 7.5 times its shear modulus, by strains of 10 (1 + nu) (1 - 2 nu) / (4 (1 - nu))."""
+    (tmp_path / "rubber.edp").write_text(RUBBER)
+    run = solved(str(tmp_path / "rubber.edp"), element="P2-mixed", cells=4)
+    valid = run.summary["validity"]
+    assert valid["largest_strain"] == pytest.approx(0.0015, rel=0.01)
+    assert valid["buckling"] < 0.01 and valid["verdict"] == "ok"
+
+
+def test_pressure_from_all_sides_does_no_work_on_rotations(solved, tmp_path):
+    """Rubber likewise, under pressure that is uneven by a hundredth: it turns by little."""
+    (tmp_path / "rubber.edp").write_text(RUBBER)
+    run = solved(str(tmp_path / "rubber.edp"), element="P2-mixed", cells=4, uneven=0.1)
+    valid = run.summary["validity"]
+    assert 0.02 < valid["largest_rotation"] < 0.05
+    assert valid["second_order"] < valid["largest_rotation"] and valid["verdict"] == "ok"
