@@ -299,7 +299,7 @@ class QuasistaticSolver:
                 trace.rate = self.contraction
             x, gradient, moved, residuals = answer or self._settled(index, load, start, trace)
             self.history.counts["condensed_steps"] += bool(trace.shortcut)
-            self._examine(index, load, x, gradient, trace)
+            self._examine(index, load, x, gradient)
             self.bodies.note_loose_motion(index, x)
         except Unfinished as failure:
             error, sliding = failure.error, rows.sliding(failure.x, rows.friction_bound(failure.x))
@@ -362,12 +362,12 @@ class QuasistaticSolver:
         """Multipliers, gradient, last change and residuals that are as small as asked for."""
         return Tightening(self, index, load, trace).earned(x, gradient, sliding)
 
-    def _examine(self, index: int, load: Load, x, gradient, trace: Trace) -> None:
+    def _examine(self, index: int, load: Load, x, gradient) -> None:
         """Look for other solutions of the step where there is reason to; see `uniqueness`."""
         search, choice, nodes = self.uniqueness, self.settings.uniqueness, self.condensation.nodes
         # a run is examined or it is not: all nodes count, also those that face nothing in this step
         count = np.count_nonzero(self.operator.structure.contact.normal_row >= 0)
-        self.doubtful = self.doubtful or trace.fallback or self.history.fallbacks.of(index)
+        self.doubtful = self.doubtful or self.history.fallbacks.of(index)
         if search.ended or not worthwhile(choice, count, self.largest_friction, self.doubtful):
             return
         search.failure = (CHANGING if self.effects.coefficient_changes else

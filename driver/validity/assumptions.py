@@ -60,12 +60,12 @@ class Validity:
         self.problem, self.structure, self.solver = problem, problem.structure, contact.solver
         self.comm, self.boundary = problem.operator.comm, contact.boundary
         self.worst = {name: Worst() for name in QUESTIONABLE}
-        self.strained = 0.0  # as buckling.py has it
+        self.strained = 0.0 if estimates else None  # as second_order.py has it
         self.overlaps = {}  # largest part of the size by pair of labels
         self.outline = np.zeros(problem.manifest.nodes, bool)
-        ends = self.structure.outer_edges[:, :2]
-        self.outline[ends] = self.outline[self.structure.outer_middles] = True
-        self.outline[self.boundary.gid] = True
+        for nodes in (self.structure.outer_edges[:, :2], self.structure.outer_middles,
+                      self.boundary.gid):
+            self.outline[nodes] = True
         self.member, self.body = self._bodies()
         self.parts = {name: np.zeros(2) for name in MEASURES}  # of a body's area beyond the limits
 
@@ -96,9 +96,9 @@ class Validity:
         self.boundary = self.structure.contact.declared
         fields = operator.deformations(step.multipliers, step.weights)
         stretched = self._check_deformation(step, fields)
-        turned, change = self.parts["largest_rotation"][0] > SPOT, None  # by too much anyway
-        if self.estimates or stretched > NEGLIGIBLE and not turned:
-            change = self._check_second_order(step, state, fields)
+        turned = self.parts["largest_rotation"][0] > SPOT  # by too much anyway
+        wanted = self.estimates or stretched > NEGLIGIBLE and not turned
+        change = self._check_second_order(step, state, fields) if wanted else None
         place, moved = self._outline(operator.with_travel(fields, step.weights))
         if place is None:
             return
@@ -135,14 +135,15 @@ class Validity:
         status = state.get(ContactField.STATUS, np.zeros(0, int))
         try:
             found = second_order.Change.of(self.problem, self.solver, step, status, fields,
-                                           self.strained if self.estimates else np.inf)
+                                           self.strained)
         except NotConverged:  # a state that holds nothing
             return None
         for value, what in found.parts(self.boundary.label):
             self.note("second_order", value, (), step.index, what=what)
-        part, self.strained = found.buckling
-        self.note("buckling", part, (), step.index)
-        self.estimated |= UNPLACED if self.estimates else {"second_order"}
+        if found.buckling:
+            part, self.strained = found.buckling
+            self.note("buckling", part, (), step.index)
+        self.estimated |= UNPLACED if found.buckling else {"second_order"}
         return found
 
     def _outline(self, fields) -> tuple:
@@ -390,9 +391,8 @@ def _angle(normal: np.ndarray, used: np.ndarray) -> np.ndarray:
 
 
 def assess(problem, contact, considered: list[tuple], estimates: bool = True) -> dict:
-    """Entry `validity` for steps (step, state of the contact nodes); collective.
-
-    `estimates`: whether all that takes further solutions is estimated.
+    """Entry `validity` for steps (step, state of the contact nodes); `estimates`: whether all that
+    takes further solutions is estimated. Collective.
     """
     checks = Validity(problem, contact, estimates)
     for step, state in considered:

@@ -44,14 +44,14 @@ class Change:
     displacement: float
     added: np.ndarray
     size: np.ndarray
-    buckling: tuple[float, np.ndarray | float]  # as buckling.reached has it
+    buckling: tuple[float, np.ndarray | float] | None  # as buckling.reached has it; not looked for
 
     @classmethod
     def of(cls, problem, solver, step, status: np.ndarray, fields: list[np.ndarray],
-           strained: np.ndarray | float = 0.0) -> "Change":
+           strained: np.ndarray | float | None = 0.0) -> "Change":
         """Of a step with the displacements `fields` (dofs,) and the `status` (n_c,) of its contact
-        nodes; `strained` as buckling.reached has it of steps before. Collective; raises
-        NotConverged where the state of the step holds nothing.
+        nodes; `strained` as buckling.reached has it of steps before, None: it is not looked for.
+        Collective; raises NotConverged where the state of the step holds nothing.
         """
         operator = problem.operator
         count, joined = len(status), len(operator.structure.contact.gid) - len(status)
@@ -64,8 +64,9 @@ class Change:
         (force, friction), (added, _) = (_forces(operator, solver.rows, of, count)
                                          for of in (step.multipliers, x))
         part = 0.0 if rolls(operator.structure) or not size else abs(changed - size) / size
-        return cls(part, added, np.hypot(force, friction),
-                   buckling.reached(frozen, operator.structure, fields, strained))
+        loads = None if strained is None else buckling.reached(frozen, operator.structure, fields,
+                                                               strained)
+        return cls(part, added, np.hypot(force, friction), loads)
 
     def of_nodes(self, here: np.ndarray) -> float:
         """Of the sum of the forces of the contact nodes `here`, relative."""

@@ -95,14 +95,10 @@ include "export.idp"
 
 
 @pytest.fixture(scope="module")
-def verdict(solved, tmp_path_factory):
+def verdict(solved, named_scene):
     """verdict(text, **options): entry `validity` of a run, its warnings and its status."""
-    folder = tmp_path_factory.mktemp("validity")
-
     def get(text, **options):
-        path = folder / f"scene{abs(hash(text))}.edp"
-        path.write_text(text)
-        run = solved(str(path), **options)
+        run = solved(named_scene(f"scene{abs(hash(text))}", text), **options)
         return run.summary["validity"], run.summary["warnings"], run.status
 
     return get

@@ -44,14 +44,10 @@ include "export.idp"
 
 
 @pytest.fixture(scope="module")
-def change(solved, tmp_path_factory):
+def change(solved, named_scene):
     """change(text, **options): `second_order` of the validity of a run, and its warnings."""
-    folder = tmp_path_factory.mktemp("second_order")
-
     def get(text, **options):
-        path = folder / f"scene{abs(hash(text))}.edp"
-        path.write_text(text)
-        summary = solved(str(path), **options).summary
+        summary = solved(named_scene(f"scene{abs(hash(text))}", text), **options).summary
         return summary["validity"]["second_order"], summary["warnings"]
 
     return get
