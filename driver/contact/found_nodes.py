@@ -60,7 +60,7 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm, sides
             parts.append(contact_table(sub.contact, manifest.columns, gid, xy))
     nodes = merge_parts(gather(comm, np.concatenate(parts)), manifest.columns,
                         manifest.contact_pairs, effects.one_node_a_vertex,
-                        bool(manifest.curved))
+                        bool(manifest.curved), effects.obstacle_normals)
     known = {label for label, _ in nodes.members}
     missing = [wanted for wanted in manifest.contact_labels if wanted not in known]
     if missing:

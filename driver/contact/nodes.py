@@ -13,12 +13,14 @@ At a corner of 34 degrees a node with the mean normal errs by a twentieth, 1 - c
 how far either side may move, which halves with every other halving of a smooth curve's sides.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..errors import InputError
 from ..scene.loader import ContactData
+from ..vectors import unit
 
 TURN = np.cos(np.deg2rad(34.0))  # least cosine between the normals of one node
 ALIKE = 1e-6  # relative difference of lengths that rounding may leave
@@ -74,24 +76,34 @@ def _meeting(label, gid, normal, pairs: list) -> list[list[tuple[int, int]]]:
 
 
 def merge_parts(table: np.ndarray, columns: list[str], pairs: list,
-                one_a_vertex: bool = False, curved: bool = False) -> Nodes:
+                one_a_vertex: bool = False, curved: bool = False,
+                normals: Callable = None) -> Nodes:
     """The nodes of a `contact_table`; `columns` are the names of its columns, `pairs` the labels.
 
     `one_a_vertex`: whatever their directions, all parts at a vertex are one node. In scenes with
     `curved` sides weights count along the node's normal: normal times weight is the force of a
-    uniform pressure there, of bodies of revolution that on the ring. Raises InputError where a
-    vertex has more than two directions.
+    uniform pressure there, of bodies of revolution that on the ring. `normals` gives those of
+    obstacles for nodes with their columns and own normals, see Effects.obstacle_normals; parts
+    whose normals they make alike are one node. Raises InputError where a vertex has more than two
+    directions.
     """
     label, gid = table[:, :2].T.astype(np.int64)
-    normal = table[:, 3:5] / np.linalg.norm(table[:, 3:5], axis=1)[:, None]
+    normal = unit(table[:, 3:5])
     meeting, family = _meeting(label, gid, normal, pairs), np.zeros(len(table), np.int64)
     for k, together in enumerate(meeting):
         family[np.isin(label, [first for first, _ in together])] = k + 1
-    node = _node_of_parts(label, gid, family, normal, table[:, -2:],
-                          -np.inf if one_a_vertex else TURN)
-    count = int(node.max(initial=-1)) + 1
-    total = np.zeros((count, table.shape[1] - 4))
-    np.add.at(total, node, table[:, 2:-2])
+    turn = -np.inf if one_a_vertex else TURN
+    node = _node_of_parts(label, gid, family, normal, table[:, -2:], turn)
+    total = _sums(table, node)
+    given = normals and normals({name: total[:, 3 + k] / total[:, 0]
+                                 for k, name in enumerate(columns)}, unit(total[:, 1:3]))
+    if given is not None:
+        table = table.copy()
+        table[:, 3:5] = np.where(np.isnan(given[node]), table[:, 3:5],
+                                 given[node] * table[:, 2:3])
+        node = _node_of_parts(label, gid, family, unit(table[:, 3:5]), table[:, -2:], turn)
+        total = _sums(table, node)
+    count = len(total)
     _, first = np.unique(node, return_index=True)
     weight = total[:, 0].copy()
     keys, share = np.unique(np.column_stack([node, label]), axis=0, return_inverse=True)
@@ -105,13 +117,19 @@ def merge_parts(table: np.ndarray, columns: list[str], pairs: list,
     members = {}
     for of, one in keys.tolist():
         members.setdefault((one, int(gid[first[of]])), []).append(of)
-    unit = total[:, 1:3] / np.linalg.norm(total[:, 1:3], axis=1)[:, None]
     length = weight
     if curved:
         weight = np.linalg.norm(total[:, 1:3], axis=1)
-    return Nodes(gid[first], reported, family[first], table[first, -2:], weight, length, unit,
-                 {name: total[:, 3 + k] / length for k, name in enumerate(columns)}, meeting,
+    return Nodes(gid[first], reported, family[first], table[first, -2:], weight, length,
+                 unit(total[:, 1:3]), {name: total[:, 3 + k] / length for k, name in enumerate(columns)}, meeting,
                  members)
+
+
+def _sums(table: np.ndarray, node: np.ndarray) -> np.ndarray:
+    """(nodes, 3 + columns) weight, normal and columns times weight: sums over a node's parts."""
+    total = np.zeros((int(node.max(initial=-1)) + 1, table.shape[1] - 4))
+    np.add.at(total, node, table[:, 2:-2])
+    return total
 
 
 def _node_of_parts(label, gid, family, normal, xy, turn: float) -> np.ndarray:

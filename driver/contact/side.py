@@ -175,11 +175,6 @@ def rises(xy: np.ndarray) -> dict[str, np.ndarray]:
     return {"chord": xy[:, 1] - xy[:, 0], "rise": xy[:, 2] - xy[:, :2].mean(axis=1)}
 
 
-def unit(vectors: np.ndarray) -> np.ndarray:
-    """(n, 2) vectors divided by their lengths."""
-    return vectors / np.linalg.norm(vectors, axis=1)[:, None]
-
-
 def sagitta(xy: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """(e,) distance of the middles of edges (e, 2) from the smooth curve through the vertices.
 

@@ -120,6 +120,13 @@ class Effect:
     def distance(self, columns: dict[str, np.ndarray]) -> np.ndarray | None:
         """(n_c,) distance to what the nodes meet, from the nodal columns of the export."""
 
+    def obstacle_normals(self, columns: dict[str, np.ndarray],
+                         normal: np.ndarray) -> np.ndarray | None:
+        """(n_c, 2) normals in the place of the body's `normal` (n_c, 2), NaN where that stays.
+
+        As in the export their length is the part of the dual segment that counts along them.
+        """
+
     def motion(self, nodes, distance: np.ndarray):
         """The ObstacleMotion of the contact `nodes`, whose distance is `distance` (n,) else."""
 
@@ -262,6 +269,11 @@ class Effects:
         """(count,) distance of the contact nodes to what they meet, zero if none is declared."""
         distance = _sum(room.distance(columns) for room in self)
         return np.zeros(count) if distance is None else distance.copy()
+
+    def obstacle_normals(self, columns: dict[str, np.ndarray],
+                         normal: np.ndarray) -> np.ndarray | None:
+        """(n, 2) normals that obstacles give, see Effect; None where all nodes keep their own."""
+        return _first(room.obstacle_normals(columns, normal) for room in self)
 
     def motion(self, nodes, distance: np.ndarray):
         """The ObstacleMotion of contact nodes (n,), see Effect; None where no obstacle moves."""

@@ -18,6 +18,8 @@ from ..vectors import turned_left
 from . import Effect, RunFacts, entry
 
 FACING = 0.1  # cosine between the node's normal and the obstacle's below which they do not meet
+ASIDE = 1e-6  # such a cosine that is rounding: the obstacle moves along the node
+STEADY = 1e-7  # sine between an obstacle's normals at two times that is rounding of differences
 EVEN = 1e-9  # part of the size of the boundaries below which a difference of distances is rounding
 
 
@@ -25,6 +27,23 @@ class Room(Effect):
     """Distances at every step, and ways of the obstacles' surfaces between steps."""
 
     summary = {"obstacle_motion": True}
+
+    def obstacle_normals(self, columns, normal) -> np.ndarray | None:
+        """The obstacle's where they are the same at all times and face the body; see Effect.
+
+        A side that the obstacle moves along, at a right angle to it but for rounding, keeps its
+        own. Decided for whole nodes: of the parts that make one some may face and others not.
+        """
+        if not self.data["own_normals"]:
+            return None
+        slope = np.array([[columns[f"phi_{c}@{k}"] for c in "xy"]
+                          for k in range(self.manifest.steps + 1)])  # (T, 2, n)
+        size, first = np.linalg.norm(slope, axis=1), slope[0]
+        turn = first[0] * slope[:, 1] - first[1] * slope[:, 0]
+        same = (np.abs(turn) <= STEADY * size[0] * size) & ((first * slope).sum(axis=1) > 0)
+        faces = (first * normal.T).sum(axis=0) < -ASIDE * size[0]
+        length = -columns.get("ring", 1.0) / np.where(size[0] > 0, size[0], 1.0)
+        return np.where(faces & same.all(axis=0), first * length, np.nan).T
 
     def motion(self, nodes, distance: np.ndarray) -> ObstacleMotion:
         """Distances and motions at `nodes` (contact/nodes.py); see Effect. Raises InputError."""

@@ -17,7 +17,8 @@ from ..scene.loader import read_subdomains
 from ..scene.manifest import read_manifest
 from .case import Case, Check, Outcome, reference
 from .laws import ratio, same_nodes, violations
-from .oracle import Assembled, coulomb_history
+from .dense import coulomb_history
+from .oracle import Assembled
 
 
 @functools.lru_cache(maxsize=4)

@@ -1,88 +1,12 @@
-"""Dense, slow and certain solvers that tests and hard cases compare with; each checks itself."""
+"""The assembled (untorn) problem that tests and hard cases compare with, and its contact."""
 
 import copy
 
 import numpy as np
 
+from .dense import require
 from .motions import unresisted
 
-
-class OracleFailure(AssertionError):
-    """The oracle's own answer does not pass its check: it says nothing about another answer."""
-
-
-def _require(condition, what: str) -> None:
-    if not condition:
-        raise OracleFailure(f"the oracle's answer is not certain: {what}")
-
-
-def box_qp(A, b, lower, upper):
-    """Solution x (n,) of min 1/2 x'Ax - b'x, lower <= x <= upper, for A (n, n) SPD, n tiny.
-
-    Primal active set: on the free set F move towards the minimiser of the face; if bounds are in
-    the way, stop at the nearest and fix every component that has arrived; at the minimiser of a
-    face release the one fixed component whose multiplier has the wrong sign most.
-
-    Terminates: right after a release all free components but the released one are strictly
-    inside, and the released one moves inwards because (A_FF^-1)_ii > 0; so the step is positive
-    and f decreases strictly between minimisers of faces.  No face comes twice, there are 3^n.
-
-    Works in the variables sqrt(A_ii) x_i, so that units of the components do not matter.
-    OracleFailure if the KKT residual is more than rounding.
-    """
-    scale = np.sqrt(np.diag(A))
-    S, c = A / np.outer(scale, scale), b / scale
-    low, up = lower * scale, upper * scale
-    y = np.clip(np.zeros_like(c), low, up)
-    free = (y > low) & (y < up)
-    movable = low < up
-    tiny = 1e-13 * len(c)
-    for _ in range(50 * 3 ** min(len(c), 8)):
-        y, free, arrived = _towards_face_minimiser(S, c, low, up, y, free)
-        if not arrived:
-            continue
-        g = S @ y - c
-        size = tiny * (np.abs(S) @ np.abs(y) + np.abs(c)).max()
-        wrong = np.where(y == low, -g, g) * (~free & movable)
-        worst = int(np.argmax(wrong))
-        if wrong[worst] <= size:
-            break
-        free[worst] = True
-    else:
-        raise OracleFailure("active set did not terminate")
-    x = np.clip(np.where(y == low, lower, np.where(y == up, upper, y / scale)), lower, upper)
-    assert_kkt(A, b, lower, upper, x, scale)
-    return x
-
-
-def _towards_face_minimiser(S, c, low, up, y, free):
-    """One step in the face: (new y, new free set, whether the minimiser was reached)."""
-    F = np.flatnonzero(free)
-    d = np.zeros_like(y)
-    if F.size:
-        target = np.linalg.solve(S[np.ix_(F, F)], c[F] - S[np.ix_(F, ~free)] @ y[~free])
-        d[F] = target - y[F]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        room = np.where(d > 0, (up - y) / d, np.where(d < 0, (low - y) / d, np.inf))
-    step = min(1.0, room.min(initial=np.inf))
-    met = free & (room <= step) if step < 1.0 else np.zeros_like(free)
-    y = np.clip(y + step * d, low, up)
-    y[met] = np.where(d > 0, up, low)[met]
-    return y, free & ~met, not met.any()
-
-
-def assert_kkt(A, b, lower, upper, x, scale):
-    """Feasible, and stationary componentwise in the scaled variables to rounding."""
-    _require(np.all(lower <= x) and np.all(x <= upper), "outside its bounds")
-    g = A @ x - b
-    g = np.where(x == lower, np.minimum(g, 0), g)
-    g = np.where(x == upper, np.where(x == lower, 0, np.maximum(A @ x - b, 0)), g)
-    size = ((np.abs(A) @ np.abs(x) + np.abs(b)) / scale).max()
-    _require(np.all(np.abs(g) / scale <= 1e-11 * size),
-             f"gradient of {(np.abs(g) / scale).max():.1e} remains")
-
-
-# ------------------------------------------------------------------- the assembled (untorn) problem
 
 class Assembled:
     """The untorn body: stiffness by vertex, its supports, and compliance of its contact nodes.
@@ -116,7 +40,7 @@ class Assembled:
             place[k] = sub.xy[sub.dof_node, sub.dof_component]
         self.motions = self._free_motions(place, manifest.axisymmetric)
         self._factorize()
-        self._collect_contact(manifest.columns, subdomains, bool(manifest.curved))
+        self._collect_contact(manifest, subdomains)
         if manifest.axisymmetric:
             self._revolve(manifest, subdomains)
 
@@ -179,8 +103,10 @@ class Assembled:
             columns.append(free @ unresisted(self.K, free))
         return np.hstack(columns)
 
-    def _collect_contact(self, names, subdomains, curved):
-        parts, last = {}, 3 + len(names)
+    def _collect_contact(self, manifest, subdomains):
+        names, parts = manifest.columns, {}
+        last = 3 + len(names)
+        moving = manifest.rooms.get("obstacle_motion", {}).get("own_normals", False)
         for sub in subdomains:
             if sub.contact is None:
                 continue
@@ -192,7 +118,7 @@ class Assembled:
         free = set(self.free.tolist())
         kept = [(_majority(group), vertex, np.array([part for _, part in group]))
                 for vertex, of_vertex in parts.items() if free & {2 * vertex, 2 * vertex + 1}
-                for group in _directions(of_vertex)]
+                for group in _directions(of_vertex, names if moving else None)]
         # label, then x: the model's order along the arc
         kept.sort(key=lambda node: (node[0], *node[2][0, last:], *node[2][0, 1:3]))
         self.label, self.gid = np.array([node[:2] for node in kept], int).reshape(-1, 2).T
@@ -205,7 +131,7 @@ class Assembled:
         self.bilateral = self.columns.get("bilateral", np.zeros(len(kept))) > 0
         self.xy = np.array([p[0, last:] for _, _, p in kept]).reshape(-1, 2)
         self.normal = total[:, 1:3] / np.linalg.norm(total[:, 1:3], axis=1)[:, None]
-        if curved:  # a uniform pressure's force
+        if manifest.curved:  # a uniform pressure's force
             self.weight = np.linalg.norm(total[:, 1:3], axis=1)
         self.tangent = np.column_stack([-self.normal[:, 1], self.normal[:, 0]])
         # node, vertex, weight in what meets
@@ -290,14 +216,21 @@ class Assembled:
 
     def compliance(self):
         """C (2 n_c, 2 n_c): n.u, t.u of the contact nodes under unit nodal forces there."""
-        _require(self.motions.shape[1] == 0, "a body that no support holds has no compliance")
+        require(self.motions.shape[1] == 0, "a body that no support holds has no compliance")
         B = self.B[:, self.free]
         C = B @ self._factor.solve(np.ascontiguousarray(B.T))
         return (C + C.T) / 2
 
 
-def _directions(parts: list) -> list[list]:
-    """Parts (label, numbers) of a vertex in groups whose normals enclose at most 34 degrees."""
+def _directions(parts: list, columns: list[str] | None = None) -> list[list]:
+    """Parts (label, numbers) of a vertex in groups whose normals enclose at most 34 degrees.
+
+    With the `columns` of an obstacle that moves groups that face it have its normal, where that is
+    the same at all times.
+    """
+    if columns is not None:
+        parts = [(label, _by_obstacle(numbers, sum(part for _, part in group), columns))
+                 for group in _directions(parts) for label, numbers in group]
     groups = []
     for part in parts:
         for group in groups:
@@ -310,90 +243,21 @@ def _directions(parts: list) -> list[list]:
     return groups
 
 
+def _by_obstacle(part, whole, columns: list[str]):
+    """The numbers of a `part` of a dual segment, with the obstacle's normal if it meets `whole`."""
+    x, y = ([whole[3 + k] for k, name in enumerate(columns) if name.startswith(f"phi_{c}@")]
+            for c in "xy")
+    turns = np.arctan2(y, x) - np.arctan2(y[0], x[0])
+    steady = np.abs(np.sin(turns)).max() <= 1e-7 and np.cos(turns).min() > 0
+    normal = np.array([x[0], y[0]]) / max(np.hypot(x[0], y[0]), 1e-300)
+    if not (steady and normal @ whole[1:3] < -1e-6 * whole[0]):
+        return part
+    ring = part[3 + columns.index("ring")] if "ring" in columns else part[0]
+    return np.concatenate([part[:1], -normal * ring, part[3:]])
+
+
 def _majority(parts: list) -> int:
     """The label with most of a node's boundary, of equal ones the smallest."""
     length = {label: sum(numbers[0] for other, numbers in parts if other == label)
               for label, _ in parts}
     return min(length, key=lambda label: (-round(length[label] / max(length.values()), 6), label))
-
-
-# -------------------------------------------------------- quasistatic contact with Coulomb friction
-
-def warm_box_qp(A, b, lower, upper, guess):
-    """box_qp with a guessed solution: tries primal-dual active set steps, falls back on box_qp.
-
-    The active set step may cycle, so its answer is returned only when it passes the KKT check.
-    """
-    at = np.where(guess <= lower, -1, np.where(guess >= upper, 1, 0))
-    at[lower == upper] = -1
-    scale = np.sqrt(np.diag(A))
-    for _ in range(40):
-        x = np.where(at < 0, lower, np.where(at > 0, upper, 0.0))
-        F, rest = np.flatnonzero(at == 0), np.flatnonzero(at)
-        x[F] = np.linalg.solve(A[np.ix_(F, F)], b[F] - A[np.ix_(F, rest)] @ x[rest])
-        g = A @ x - b
-        new = np.where((at == 0) & (x < lower), -1, np.where((at == 0) & (x > upper), 1, at))
-        new[((at < 0) & (g < 0)) | ((at > 0) & (g > 0))] = 0
-        new[lower == upper] = -1
-        if np.array_equal(new, at):
-            assert_kkt(A, b, lower, upper, x, scale)
-            return x
-        at = new
-    return box_qp(A, b, lower, upper)
-
-
-def coulomb_step(C, d, friction, start):
-    """Multipliers (normal, then tangential) of one time step with local Coulomb friction.
-
-    Successive approximations of the friction bound to rounding around dense QPs; checks the
-    conditions of contact and friction of the answer. OracleFailure if the iteration does not
-    settle.
-    """
-    n = len(friction)
-    x, rounding = start, max(1e-13, np.finfo(float).eps * np.linalg.cond(C))  # of dense solves
-    for _ in range(300):
-        g = friction * x[:n]
-        new = warm_box_qp(C, d, np.concatenate([np.zeros(n), -g]),
-                          np.concatenate([np.full(n, np.inf), g]), x)
-        change = np.abs(new[:n] - x[:n]).max()
-        x = new
-        if change <= rounding * np.abs(x[:n]).max():
-            break
-    else:
-        raise OracleFailure("the oracle's fixed point does not settle")
-    _assert_coulomb(C, d, friction, x, max(1e-10, 10 * rounding))
-    return x
-
-
-def _assert_coulomb(C, d, friction, x, slack):
-    """Signorini's and Coulomb's conditions at every node, to the relative rounding `slack`."""
-    n, move = len(friction), d - C @ x
-    size, force = slack * np.abs(d).max(), np.abs(x).max()
-    bound = friction * x[:n]
-    _require(x[:n].min() >= 0 and move[:n].max() <= size, "penetration or tension")
-    _require(np.all(np.abs(move[:n])[x[:n] > 0] <= size), "pressure at a distance")
-    _require(np.all(np.abs(x[n:]) <= bound + slack * force), "friction above its bound")
-    sticks = np.abs(x[n:]) < bound - slack * force
-    _require(np.all(np.abs(move[n:])[sticks] <= size), "slip below the bound")
-    _require(np.all(x[n:] * move[n:] >= -size * force), "friction along the slip")
-
-
-def coulomb_history(body: Assembled, amplitudes):
-    """Dict of (steps, n_c): u_n, u_t, sigma_n, sigma_t of the contact nodes.
-
-    `amplitudes` (steps + 1, patterns). Stick refers to the tangential displacement of the step
-    before.
-    """
-    C, B, n = body.compliance(), body.B, len(body.gid)
-    unit = np.array([B @ body.solve(w) for w in np.eye(len(body.loads))])
-    history = {name: [] for name in ("u_n", "u_t", "sigma_n", "sigma_t")}
-    x, u_t = np.zeros(2 * n), np.zeros(n)
-    for weights in amplitudes[1:]:
-        loaded = weights @ unit
-        x = coulomb_step(C, loaded - np.concatenate([body.gap, u_t]), body.friction, x)
-        moved = loaded - C @ x
-        u_t = moved[n:]
-        for name, value in zip(history,
-                               (moved[:n], u_t, -x[:n] / body.weight, -x[n:] / body.weight)):
-            history[name].append(value)
-    return {name: np.array(value) for name, value in history.items()}

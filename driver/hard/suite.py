@@ -22,7 +22,7 @@ from ..processes import die_of_signals
 from ..runs.guard import study_folder
 from . import random
 from .case import Case, Outcome, reference, run_case
-from .oracle import OracleFailure
+from .dense import OracleFailure
 from .report import Row, line, write
 
 FAMILIES = options.find("hard", "family").kind.choices

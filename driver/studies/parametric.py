@@ -186,7 +186,7 @@ def _contact_of(name: str, effects, whole, data, gid: np.ndarray, pairs: list):
     if whole.periods is not None:
         gid = whole.periods.having_conditions(gid, boundary.gid)
     table = contact_table(data, list(data.columns), gid, np.zeros((len(gid), 2)))
-    read = merge_parts(table, list(data.columns), pairs)
+    read = merge_parts(table, list(data.columns), pairs, normals=effects.obstacle_normals)
     place = _places(boundary, read)
     rigid = ~boundary.paired  # between two bodies weight, normal and gap follow from both sides
     if not ((place >= 0).all()
@@ -222,7 +222,8 @@ def _follow(name: str, effects, operator, value, pairs: list) -> None:
     old = start.following
     table = contact_table(value.contact, list(value.contact.columns), value.gid,
                           np.zeros((len(value.gid), 2)))
-    read = merge_parts(table, list(value.contact.columns), pairs, effects.one_node_a_vertex)
+    read = merge_parts(table, list(value.contact.columns), pairs, effects.one_node_a_vertex,
+                       normals=effects.obstacle_normals)
     if not (np.array_equal(read.gid, old.nodes.gid)
             and np.allclose(read.weight, old.nodes.weight, rtol=1e-9)):
         raise unvaried(name, "it moves the contact boundary")

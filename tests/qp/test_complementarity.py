@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from driver.hard.oracle import box_qp
+from driver.hard.dense import box_qp
 from driver.qp import complementarity, one_solution, pivots
 from driver.qp.complementarity import (
     all_solutions, approached, index, lemke, newton, search, settled)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from driver.hard.oracle import box_qp
+from driver.hard.dense import box_qp
 
 import driver.qp.mprgp as module
 from driver.qp.lanczos import norm_bound

@@ -12,7 +12,8 @@ from small_scenes import Scene, random_scene, solve
 from test_mprgp import EPS, assert_solves, orthogonal, residual_of
 
 from driver.qp.mprgp import mprgp
-from driver.hard.oracle import Assembled, OracleFailure, coulomb_step
+from driver.hard.dense import OracleFailure, coulomb_step
+from driver.hard.oracle import Assembled
 
 CALM = {"deadline": None, "derandomize": True, "database": None,
         "suppress_health_check": list(HealthCheck)}

@@ -5,7 +5,8 @@ depend on.
 import numpy as np
 import pytest
 from driver.files import read_table
-from driver.hard.oracle import Assembled, coulomb_history, box_qp
+from driver.hard.dense import box_qp, coulomb_history
+from driver.hard.oracle import Assembled
 
 from driver.scene.kinematics import corner_stresses, stresses, von_mises
 

@@ -8,7 +8,8 @@ import math
 import meshio
 import numpy as np
 import pytest
-from driver.hard.oracle import Assembled, coulomb_history
+from driver.hard.dense import coulomb_history
+from driver.hard.oracle import Assembled
 from rounded_block import ROUNDED_BODY
 from test_model import assert_close
 from test_scenes_exact import E, TIGHT, exact, exact_strain

@@ -6,7 +6,8 @@ compliance C, and every step is a small box-constrained QP whose solution checks
 
 import numpy as np
 import pytest
-from driver.hard.oracle import Assembled, box_qp, coulomb_history, warm_box_qp
+from driver.hard.dense import box_qp, coulomb_history, warm_box_qp
+from driver.hard.oracle import Assembled
 
 # MPRGP stops at 1e-10 of the right-hand side; the dual operator's condition number is below 1e4
 # (4x2 subdomains),
@@ -90,7 +91,7 @@ def test_static_is_the_last_step_of_proportional_loading(solved):
 def test_oracle_refuses_a_wrong_answer(built):
     """The QP oracle's own check is alive: a perturbed compliance is not optimal for the true one.
     """
-    from driver.hard.oracle import assert_kkt
+    from driver.hard.dense import assert_kkt
 
     body = Assembled(built("model-static", reduce=False).manifest,
                      built("model-static", reduce=False).subdomains)

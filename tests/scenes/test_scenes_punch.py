@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 from driver.scene import freefem
-from driver.hard.oracle import Assembled, coulomb_history, warm_box_qp
+from driver.hard.dense import coulomb_history, warm_box_qp
+from driver.hard.oracle import Assembled
 
 TIGHT = {"RTOL": 1e-10, "FRICTION_RTOL": 1e-10}
 
