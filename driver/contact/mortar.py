@@ -37,8 +37,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..vectors import unit
 from .facing import SLIVER, facing_parts, places, project
-from .side import POINT, WEIGHT, Side, unit
+from .side import POINT, WEIGHT, Side
 
 # part of an edge on which the multiplier is constant, at most; no fraction that meshes have by
 # design, where rounding would decide

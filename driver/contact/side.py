@@ -13,6 +13,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ..scene import sides
 from ..scene.elements import cross
+from ..vectors import unit
 from .axis import on_axis, smooth_normals
 
 POINT = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)])  # Gauss, exact to degree 5 on [-1, 1]

@@ -22,7 +22,7 @@ def nodes(xy, normal, columns=None, label=None, members=()) -> SimpleNamespace:
 
 
 def room(**more) -> obstacle_motion.Room:
-    manifest = SimpleNamespace(rooms={"obstacle_motion": {}, **more}, patterns=[], steps=2,
+    manifest = SimpleNamespace(rooms={"obstacle_motion": {"own_normals": True}, **more}, patterns=[], steps=2,
                                t_end=1.0)
     return obstacle_motion.Room("obstacle_motion", manifest)
 
