@@ -83,7 +83,7 @@ def merge_parts(table: np.ndarray, columns: list[str], pairs: list,
     `one_a_vertex`: whatever their directions, all parts at a vertex are one node. In scenes with
     `curved` sides weights count along the node's normal: normal times weight is the force of a
     uniform pressure there, of bodies of revolution that on the ring. `normals` gives those of
-    obstacles for nodes with their columns and own normals, see Effects.obstacle_normals; parts
+    obstacles for nodes with their columns and own normals, see obstacle_normals of Effect; parts
     whose normals they make alike are one node. Raises InputError where a vertex has more than two
     directions.
     """
@@ -95,9 +95,9 @@ def merge_parts(table: np.ndarray, columns: list[str], pairs: list,
     turn = -np.inf if one_a_vertex else TURN
     node = _node_of_parts(label, gid, family, normal, table[:, -2:], turn)
     total = _sums(table, node)
-    given = normals and normals({name: total[:, 3 + k] / total[:, 0]
-                                 for k, name in enumerate(columns)}, unit(total[:, 1:3]))
-    if given is not None:
+    if normals is not None:
+        given = normals({name: total[:, 3 + k] / total[:, 0] for k, name in enumerate(columns)},
+                        unit(total[:, 1:3]))
         table = table.copy()
         table[:, 3:5] = np.where(np.isnan(given[node]), table[:, 3:5],
                                  given[node] * table[:, 2:3])
@@ -121,7 +121,8 @@ def merge_parts(table: np.ndarray, columns: list[str], pairs: list,
     if curved:
         weight = np.linalg.norm(total[:, 1:3], axis=1)
     return Nodes(gid[first], reported, family[first], table[first, -2:], weight, length,
-                 unit(total[:, 1:3]), {name: total[:, 3 + k] / length for k, name in enumerate(columns)}, meeting,
+                 unit(total[:, 1:3]),
+                 {name: total[:, 3 + k] / length for k, name in enumerate(columns)}, meeting,
                  members)
 
 

@@ -95,6 +95,9 @@ class Effect:
     closes = False  # nodes yield by a law of their force and slip, see march/closure.py
     one_node_a_vertex = False  # contact nodes are made by place, not by direction
     labelled = False  # its data name boundaries of the mesh
+    # function that gives (n_c, 2) normals of obstacles for nodal columns and the body's normals
+    # (n_c, 2), NaN where these stay; as long as the part of the dual segment that counts along them
+    obstacle_normals = None
     # the step at which a part of the history begins that is repeated, and how often it is there
     repeats: tuple[int, int] | None = None
     # quantities of interest that it gives sense to, see results/quantities.py
@@ -119,13 +122,6 @@ class Effect:
     # ---- what it adds to the problem ------------------------------------------------------------
     def distance(self, columns: dict[str, np.ndarray]) -> np.ndarray | None:
         """(n_c,) distance to what the nodes meet, from the nodal columns of the export."""
-
-    def obstacle_normals(self, columns: dict[str, np.ndarray],
-                         normal: np.ndarray) -> np.ndarray | None:
-        """(n_c, 2) normals in the place of the body's `normal` (n_c, 2), NaN where that stays.
-
-        As in the export their length is the part of the dual segment that counts along them.
-        """
 
     def motion(self, nodes, distance: np.ndarray):
         """The ObstacleMotion of the contact `nodes`, whose distance is `distance` (n,) else."""
@@ -233,6 +229,8 @@ class Effects:
         self.frictional = any(room.frictional for room in self)
         self.coefficient_changes = any(room.changes_coefficient for room in self)
         self.closes = any(room.closes for room in self)
+        self.one_node_a_vertex = any(room.one_node_a_vertex for room in self)
+        self.obstacle_normals = _first(room.obstacle_normals for room in self)
         self.repeats = next((room.repeats for room in self if room.repeats), None)
         self.quasistatic = manifest.quasistatic
         self.bodies = manifest.bodies
@@ -270,11 +268,6 @@ class Effects:
         distance = _sum(room.distance(columns) for room in self)
         return np.zeros(count) if distance is None else distance.copy()
 
-    def obstacle_normals(self, columns: dict[str, np.ndarray],
-                         normal: np.ndarray) -> np.ndarray | None:
-        """(n, 2) normals that obstacles give, see Effect; None where all nodes keep their own."""
-        return _first(room.obstacle_normals(columns, normal) for room in self)
-
     def motion(self, nodes, distance: np.ndarray):
         """The ObstacleMotion of contact nodes (n,), see Effect; None where no obstacle moves."""
         return _first(room.motion(nodes, distance) for room in self)
@@ -282,11 +275,6 @@ class Effects:
     def following(self, nodes, motion):
         """The Following of contact nodes, None where their geometry is that of the start."""
         return _first(room.following(nodes, motion) for room in self)
-
-    @property
-    def one_node_a_vertex(self) -> bool:
-        """Whether all parts of dual segments at a vertex make one contact node."""
-        return any(room.one_node_a_vertex for room in self)
 
     def paired_sides(self, subdomains, fixed, comm, moved=None):
         """The PairSides of contact/pair_sides.py, None without pairs; collective."""
@@ -324,10 +312,7 @@ class Effects:
         return np.zeros(len(contact.gid), bool) if yields is None else yields
 
     def homogeneous(self, contact, initial: np.ndarray) -> bool:
-        """Whether the solution under twice the load is twice the solution.
-
-        `initial` (n_c,) is the tangential displacement at time 0.
-        """
+        """Whether twice the load has twice the solution; `initial` (n_c,): u_t at time 0."""
         law = self.contact_law(contact)
         return (law.offset is None and not self.coefficient_changes and not self.closes
                 and contact.motion is None and contact.following is None

@@ -10,6 +10,8 @@ the obstacle's surface. See Wriggers, Computational Contact Mechanics (2006), 4.
 Mechanics (1985), 8.1, for creepage.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 
 from ..contact.motion import ObstacleMotion
@@ -28,14 +30,17 @@ class Room(Effect):
 
     summary = {"obstacle_motion": True}
 
-    def obstacle_normals(self, columns, normal) -> np.ndarray | None:
-        """The obstacle's where they are the same at all times and face the body; see Effect.
+    @property
+    def obstacle_normals(self) -> Callable | None:
+        """See Effect; None where scenes give normals, or no shape that has them."""
+        return self._steady_normals if self.data["own_normals"] else None
+
+    def _steady_normals(self, columns, normal) -> np.ndarray:
+        """(n_c, 2) of the obstacle where they are the same at all times and face the body.
 
         A side that the obstacle moves along, at a right angle to it but for rounding, keeps its
         own. Decided for whole nodes: of the parts that make one some may face and others not.
         """
-        if not self.data["own_normals"]:
-            return None
         slope = np.array([[columns[f"phi_{c}@{k}"] for c in "xy"]
                           for k in range(self.manifest.steps + 1)])  # (T, 2, n)
         size, first = np.linalg.norm(slope, axis=1), slope[0]

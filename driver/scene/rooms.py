@@ -48,7 +48,7 @@ LOADS = ("edges", "triangles", "initial_stress", "nodes", "supports")
 NUMBERS = range(1, 10)  # of the loads and their amplitudes
 ENTRIES = ("declared by", "needs", "brings", "after", "given on", "column", "columns", "studied",
            "before")
-SINGLE = ("given on", "column", "columns", "before")  # entries that stand once at most
+SINGLE = ("given on", "column", "before")  # entries that stand once at most
 
 
 class Macro(NamedTuple):

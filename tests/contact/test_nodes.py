@@ -94,6 +94,30 @@ def test_a_node_is_the_sum_of_its_parts():
     assert len(one.gid) == 1 and one.columns["gap"].tolist() == [5.0]
 
 
+@pytest.mark.parametrize("labels", [(7, 7), (3, 7)])
+def test_normals_of_obstacles_are_those_of_whole_nodes(labels):
+    """Of parts that different subdomains or labels have; those that they make alike are one node.
+
+    A part that faces an obstacle below and one that does not make a node that does not; at a
+    corner both flanks may face it. Normals count with their length, as of rings.
+    """
+    def below(columns, normal):
+        assert columns["gap"].shape == (len(normal),)
+        return np.where(normal[:, 1:] < -1e-6, np.array([[0.0, -0.5]]), np.nan)
+
+    one, other = labels
+    slant = np.sin(0.1), np.cos(0.1)
+    rows = np.array([corner(one, 0, (slant[1], -slant[0])), corner(other, 0, (slant[1], slant[0])),
+                     corner(one, 1, (0.8, -0.6)), corner(other, 1, (-0.6, -0.8), 3.0, 2.0)])
+    assert len(merge_parts(rows, ["gap"], []).gid) == 3
+    nodes = merge_parts(rows, ["gap"], [], normals=below)
+    assert nodes.gid.tolist() == [0, 1] and nodes.weight.tolist() == [2.0, 4.0]
+    np.testing.assert_allclose(nodes.normal, [[1, 0], [0, -1]], atol=1e-12)
+    np.testing.assert_allclose(nodes.columns["gap"], [0.0, 1.5])
+    curved = merge_parts(rows, ["gap"], [], curved=True, normals=below)
+    np.testing.assert_allclose(curved.weight, [2 * slant[1], 2.0])
+
+
 CORNER = """include "scene.idp"
 subdomains("1");
 rectangle(0., 2., 0., 1.);

@@ -22,8 +22,8 @@ def nodes(xy, normal, columns=None, label=None, members=()) -> SimpleNamespace:
 
 
 def room(**more) -> obstacle_motion.Room:
-    manifest = SimpleNamespace(rooms={"obstacle_motion": {"own_normals": True}, **more}, patterns=[], steps=2,
-                               t_end=1.0)
+    manifest = SimpleNamespace(rooms={"obstacle_motion": {"own_normals": True}, **more},
+                               patterns=[], steps=2, t_end=1.0)
     return obstacle_motion.Room("obstacle_motion", manifest)
 
 
@@ -104,6 +104,25 @@ def test_a_plane_that_shifts_is_nearer_by_what_it_comes_along_the_normal():
     np.testing.assert_allclose(
         obstacle_motion._missed({"a_missed": np.full(2, 4.0), "a_missed_at": np.ones(2)}, "a",
                                 np.ones((3, 2))), (1.0, 1.0))
+
+
+def test_obstacles_give_normals_that_stay_and_face_the_body():
+    """Neither where the obstacle's own turn or turn round, nor beside the obstacle, nor to pairs,
+    where there is no function. Their length is that of rings.
+    """
+    steady = np.array([[0.0, 2.0]] * 3)
+    turning, reversing = steady + [[0, 0], [1e-3, 0], [0, 0]], steady * [[1], [-1], [1]]
+    slopes = np.array([steady, steady, turning, reversing, 0 * steady, steady])
+    normal = np.array([[0.6, -0.8], [1.0, -1e-9], [0, -1], [0, -1], [0, -1], [0, 1]])
+    columns = {f"phi_{c}@{k}": slopes[:, k, i] for i, c in enumerate("xy") for k in range(3)}
+    found = room().obstacle_normals(columns, normal)
+    assert np.isnan(found[1:]).all()
+    np.testing.assert_allclose(found[0], [0, -1])
+    rings = room().obstacle_normals(columns | {"ring": np.full(6, 3.0)}, normal)
+    np.testing.assert_allclose(rings[0], [0, -3])
+    given = room()
+    given.data["own_normals"] = False
+    assert given.obstacle_normals is None
 
 
 def test_cycles_end_where_they_begin():

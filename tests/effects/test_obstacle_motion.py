@@ -256,6 +256,43 @@ macro contactPair() 1, 7 //"""), ("contact() 1", "contact() 5"),
     assert (run.contact["status"][-1] == "stick").any()  # between the bodies
 
 
+ROUND = """include "scene.idp"
+quasistatic(1.);
+border low(t = -3*pi/4, -pi/4) { x = cos(t); y = sin(t); label = 4; }
+border right(t = -pi/4, pi/4) { x = cos(t); y = sin(t); label = 6; }
+border high(t = pi/4, 5*pi/4) { x = cos(t); y = sin(t); label = 8; }
+border hole(t = 2*pi, 0) { x = 0.3*cos(t); y = 0.3*sin(t); label = 5; }
+mesh disc = buildmesh(low(8) + right(8) + high(16) + hole(10));
+int[int] names = [6, SIDE];
+disc = change(disc, label = names);
+addBody(disc)
+bodyMaterial("steel", 1., 0.3);
+macro displacement1() on(5, u1 = 0., u2 = -0.01) //
+macro amplitude1(t) t //
+macro obstacle(x, y) (y + 1.) //
+macro obstacleX(t) (0.02*t) //
+macro contact() LABELS //
+macro tresca() 0.01 //
+include "export.idp"
+"""
+
+
+def test_a_round_side_that_turns_away_from_a_moving_floor_is_cut_anywhere(solved, scene):
+    """Friction that needs no pressure acts along the normals of nodes, in whatever subdomain and
+    with whatever label its parts are.
+    """
+    whole = solved(scene(ROUND, ("SIDE", "6"), ("LABELS", "4, 6"), name="whole"), subdomains="1",
+                   **TIGHT)
+    for guise, label, cut in (("labels", "4", "1"), ("five", "6", "5")):
+        labels = "4" if label == "4" else "4, 6"
+        run = solved(scene(ROUND, ("SIDE", label), ("LABELS", labels), name=guise), subdomains=cut,
+                     **TIGHT)
+        assert run.summary["sizes"]["contact_nodes"] == whole.summary["sizes"]["contact_nodes"]
+        for name in ("dissipated_energy", "displacement"):
+            np.testing.assert_allclose(run.summary["quantities"][name],
+                                       whole.summary["quantities"][name], rtol=1e-6)
+
+
 @pytest.mark.slow  # starts processes
 def test_ranks_do_not_change_a_bit(solved, scene):
     one, other = (solved(scene(PAD), cells=3, steps=4, np=n) for n in (1, 3))
