@@ -14,12 +14,12 @@ stiffness.
 
 The first of the vectors, by which bodies give way most, mostly tells by its Rayleigh quotient that
 nothing is near its buckling load: then it is the only one. Bodies that contact alone keeps from
-turning count as unstressed: they roll, and other points carry their forces then.
+turning are not looked at: they roll, and other points carry their forces then.
 """
 
 import numpy as np
 
-from .finite_rotations import Triangles, rolling, turning
+from .finite_rotations import Triangles, rolls, turning
 
 VECTORS = 6
 SLIGHT = 0.02  # quotient of the first vector with which it is the only one
@@ -36,12 +36,10 @@ def reached(frozen, structure, fields: list[np.ndarray],
     `before` for another step; 0 where none is compressed by more than before. Collective.
     """
     weights, bodies = frozen.step.weights, structure.travel.bodies
-    rolls = rolling(structure)
-    if rolls.all():
+    if rolls(structure):
         return 0.0, before
     triangles = [Triangles(sub) for sub in structure.subdomains]
     stresses = [of.turning_part(of.of_run(of.gradient(u), u, weights))
-                * (not rolls[bodies.number[of.sub.index]])
                 for of, u in zip(triangles, fields)]
     sums = np.zeros((2, structure.total))  # volume, and the square of a strain in it
     for of, stress in zip(triangles, stresses):

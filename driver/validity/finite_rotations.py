@@ -9,14 +9,10 @@ from .soundness import NEARLY_INCOMPRESSIBLE
 TURNS = 1e-10  # rotation times size of a rigid motion that turns a body
 
 
-def rolling(structure) -> np.ndarray:
-    """(bodies,) which contact alone keeps from turning: as they roll other points are in contact.
-    """
-    size = structure.travel.bodies.size
-    rolls = np.zeros(len(size), bool)
-    for mode in structure.rigid_modes:
-        rolls[mode.body] |= abs(mode.rotation) * size[mode.body] > TURNS
-    return rolls
+def rolls(structure) -> bool:
+    """Whether contact alone keeps a body from turning: as it rolls other points are in contact."""
+    size = structure.travel.bodies.size.max(initial=0.0)
+    return any(abs(mode.rotation) * size > TURNS for mode in structure.rigid_modes)
 
 
 class Triangles:

@@ -19,7 +19,6 @@ and forces that are wrong by as much as they have. Where a body bends freely w t
 turning lengthens it by, and little is left.
 """
 
-import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,7 +27,7 @@ from ..contact.states import STICK
 from ..feti.gathering import largest
 from ..march.frozen_state import FrozenState
 from . import buckling
-from .finite_rotations import Triangles, rolling, stretch, turning
+from .finite_rotations import Triangles, rolls, stretch, turning
 
 LEAST = 0.1  # of the largest force of a boundary: smaller ones count as such
 SLIGHT = 0.01  # energy of what strains leave out, over theirs, up to which the third order counts
@@ -38,7 +37,7 @@ SLIGHT = 0.01  # energy of what strains leave out, over theirs, up to which the 
 @dataclass
 class Change:
     """What finite rotations change in a step: the largest displacement by a part `displacement` of
-    it, of bodies that do not turn against contact alone (those roll to other points of contact);
+    it, zero where contact alone keeps a body from turning, which rolls to other points of contact;
     of the contact nodes the normal forces by `added` (n_c,), beside forces `size` (n_c,).
     """
 
@@ -61,13 +60,10 @@ class Change:
         whole = operator.with_travel(fields, step.weights)
         x, w = answer(frozen, operator.structure, whole)
         more = [u + v for u, v in zip(whole, w)]
-        bodies, rolls = operator.structure.travel.bodies, rolling(operator.structure)
-        steady = [not rolls[bodies.number[sub.index]] for sub in operator.structure.subdomains]
-        size, changed = largest(operator.comm, np.array([_largest(itertools.compress(of, steady))
-                                                         for of in (whole, more)]))
+        size, changed = largest(operator.comm, np.array([_largest(whole), _largest(more)]))
         (force, friction), (added, _) = (_forces(operator, solver.rows, of, count)
                                          for of in (step.multipliers, x))
-        part = abs(changed - size) / size if size else 0.0
+        part = 0.0 if rolls(operator.structure) or not size else abs(changed - size) / size
         loads = None if strained is None else buckling.reached(frozen, operator.structure, fields,
                                                                strained)
         return cls(part, added, np.hypot(force, friction), loads)
@@ -91,7 +87,7 @@ class Change:
         return found
 
 
-def _largest(fields) -> float:
+def _largest(fields: list[np.ndarray]) -> float:
     """Of displacements (dofs,)."""
     return max((float(np.hypot(*u.reshape(-1, 2).T).max()) for u in fields), default=0.0)
 

@@ -184,26 +184,6 @@ def test_a_column_that_is_pulled_in_the_end_was_pressed_before(solved, tmp_path)
     assert valid["verdict"] == "questionable"
 
 
-BESIDE = COLUMN.replace("rectangle(0., L, 0., 1.);", """mesh column = square(80, 2, [L*x, y]);
-mesh block = square(4, 4, [10.*x, 10.*y - 20.]);
-int[int] names = [1, 11, 2, 12, 3, 13, 4, 14];
-block = change(block, label = names);
-addBody(column)
-addBody(block)
-macro contact() 11 //
-macro friction() 0.3 //""").replace("critical, 0.)", "critical, 0.) + traction(13, 0., -1.)").replace(
-    "8x1", "9")
-
-
-def test_a_column_beside_a_block_that_contact_alone_keeps_from_turning_buckles(solved, tmp_path):
-    """What a body that may roll hides is hidden of that body alone."""
-    (tmp_path / "beside.edp").write_text(BESIDE)
-    valid = solved(str(tmp_path / "beside.edp"), element="P2", share=0.7,
-                   errors="energy").summary["validity"]
-    assert valid["buckling"] == pytest.approx(0.7, rel=0.02)
-    assert valid["verdict"] == "questionable"
-
-
 def test_steps_that_eliminate_gluing_rows_answer_by_contact_rows_alone(built, steps_of):
     """One factorization of the state without Coulomb's coupling, and four products for each of the
     answers, the last to judge it; conjugate gradients take ten and more.
