@@ -1106,6 +1106,7 @@ def test_labels_are_given_by_the_names_that_gmsh_knows(tmp_path):
                      .replace("contact() 1", "contact() low"))
     made = freefem.export(scene, tmp_path / "export", {"steps": "2"})
     assert made.contact_labels == [7] and set(made.labels) >= {1, 3, 7}
+    assert made.label_names == {1: "left side", 7: "foot"}
 
 
 @pytest.mark.parametrize("call, words", [
