@@ -84,7 +84,7 @@ def panel_grid(figure: Figure, run: Run, boundaries: list, stacked: int, height:
             axes.sharex(cell[-1])
             axes.tick_params(labelbottom=False)
         if len(boundaries) > 1:
-            cell[0].set_title(rf"$\Gamma_c$, label "
+            cell[0].set_title(r"$\Gamma_c$, label "
                               + run.label_name(boundaries[number][0]))
         cells.append(cell)
     return cells
