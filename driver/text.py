@@ -23,6 +23,11 @@ def words(name: str) -> str:
     return name.replace("_", " ")
 
 
+def called(label, name: str | None):
+    """A label, or what has it in its own name, with the name that a file gives it, if any."""
+    return f"{label} '{name}'" if name else label
+
+
 def near(name: str, known) -> str:
     """What a misspelt name may mean, as the end of a message; "" if nothing is near.
 

@@ -106,13 +106,17 @@ def _distance(phi: np.ndarray, slope: np.ndarray, nodes, times: np.ndarray) -> n
     """(T, n) distances along the nodes' normals to obstacles phi (T, n) of `slope` (T, n, 2).
 
     Beside an obstacle, where the line along the normal misses it, a distance that is too short to
-    be wrong. Raises InputError where it reaches a node from there.
+    be wrong. Raises InputError where it reaches a node from there, or touches one at the start:
+    then the sign of its function is reversed.
     """
     size = np.linalg.norm(slope, axis=-1)
     size = np.where(size > 0, size, 1.0)
     facing = -(slope * nodes.normal).sum(axis=-1) / size
     extent = np.ptp(nodes.xy, axis=0).max(initial=0.0)
-    behind = (facing < FACING) & (phi < -EVEN * extent * size) & (nodes.family == 0)
+    rounding = EVEN * extent * size
+    behind = (facing < FACING) & (phi < -rounding)
+    behind[0] |= (facing[0] < -FACING) & (phi[0] <= rounding[0])
+    behind &= nodes.family == 0
     if behind.any():
         k, node = np.argwhere(behind)[0]
         x, y = nodes.xy[node]

@@ -133,7 +133,7 @@ def contact_panels(figure: Figure, run: Run, caption: str, panels: tuple) -> Non
         names = ("sigma_n",), ("u_n",)
     arc, stress, length = contact_scales(run, shown, *names)
     handles = {}
-    for (_, rows), (above, below) in zip(shown, panel_grid(figure, shown, 2, 11)):
+    for (_, rows), (above, below) in zip(shown, panel_grid(figure, run, shown, 2, 11)):
         rows["theory"] = theory.curves(run, rows)
         curves = in_parts(rows)
         for axes, draw, scale in ((above, panels[0], stress), (below, panels[1], length)):
@@ -244,7 +244,7 @@ def contact_status(figure: Figure, run: Run) -> None:
     shown, missing = fitting(boundaries, run.contact)
     seen, widened = [], False
     arc = contact_scales(run, shown, ("sigma_n",), ("u_n",))[0]
-    for (_, rows), (axes,) in zip(shown, panel_grid(figure, shown, 1, 8.5)):
+    for (_, rows), (axes,) in zip(shown, panel_grid(figure, run, shown, 1, 8.5)):
         times, nodes = np.unique(rows["time"]), np.count_nonzero(rows["step"] == rows["step"][0])
         status = rows["status"]
         if not run.friction:

@@ -66,7 +66,7 @@ def as_map(axes, run: Run, xy: np.ndarray):
     return scale
 
 
-def panel_grid(figure: Figure, boundaries: list, stacked: int, height: float) -> list:
+def panel_grid(figure: Figure, run: Run, boundaries: list, stacked: int, height: float) -> list:
     """For every boundary a list of `stacked` axes with a common arc; two boundaries a row."""
     columns = min(len(boundaries), 2)
     rows = math.ceil(len(boundaries) / columns)
@@ -84,7 +84,8 @@ def panel_grid(figure: Figure, boundaries: list, stacked: int, height: float) ->
             axes.sharex(cell[-1])
             axes.tick_params(labelbottom=False)
         if len(boundaries) > 1:
-            cell[0].set_title(rf"$\Gamma_c$, label {boundaries[number][0]}")
+            cell[0].set_title(r"$\Gamma_c$, label "
+                              + run.label_name(boundaries[number][0]))
         cells.append(cell)
     return cells
 

@@ -92,7 +92,9 @@ def draw_obstacles(axes, run: Run, time: float, size: float, factor: float, box:
 
 
 def where_it_goes(run: Run, box: np.ndarray) -> np.ndarray:
-    """The `box` (2, 2) of the body, widened to where its nodes touch at any time, within reason."""
+    """The `box` (2, 2) of the body, widened to what of the obstacle its nodes touch at any time,
+    where that is at the start, within reason.
+    """
     if run.obstacle is None or run.contact is None:
         return box
     rows = select(run.contact, run.contact["status"] != "open")
@@ -101,9 +103,27 @@ def where_it_goes(run: Run, box: np.ndarray) -> np.ndarray:
     x, y = rows["normal_x"], rows["normal_y"]
     places = np.column_stack([rows["x"] + rows["u_n"] * x - rows["u_t"] * y,
                               rows["y"] + rows["u_n"] * y + rows["u_t"] * x])
+    for step in np.intersect1d(rows["step"], run.obstacle.get("step", [])):  # where it moves
+        here = rows["step"] == step
+        places[here] = _at_start(run.obstacle, step, places[here])
     room = LATER * np.ptp(box, axis=0).max()
     return np.array([np.minimum(box[0], np.maximum(places.min(axis=0), box[0] - room)),
                      np.maximum(box[1], np.minimum(places.max(axis=0), box[1] + room))])
+
+
+def _at_start(table: dict, step: int, places: np.ndarray) -> np.ndarray:
+    """Where `places` (n, 2) of an obstacle were at the start that are there in a step.
+
+    Its sides have moved as a rigid body, in the complex plane z = a z_0 + b with |a| = 1.
+    """
+    moved, first = ((table["x0"] + 1j * table["y0"])[table["step"] == k] for k in (step, 0))
+    if len(moved) != len(first):
+        return places
+    arm = first - first.mean()
+    turn = np.vdot(arm, moved - moved.mean())
+    turn = turn / abs(turn) if turn else 1.0
+    found = (places @ [1, 1j] - moved.mean()) / turn + first.mean()
+    return np.column_stack([found.real, found.imag])
 
 
 def _shown(start: np.ndarray, end: np.ndarray, size: float,

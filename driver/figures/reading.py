@@ -9,6 +9,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..files import read_fields, read_table, whole
+from ..text import called
 
 TABLES = ("history", "contact", "convergence", "boundary", "adaptivity", "probes",
           "obstacle", "cycles")
@@ -66,6 +67,11 @@ class Run:
     def quasistatic(self) -> bool:
         """Whether loads have a history in time steps."""
         return self.summary["effects"]["time"] == "quasistatic"
+
+    def label_name(self, label: int) -> str:
+        """The label of a contact boundary, with its name if it has one, for text with formulas."""
+        names = {row["boundary"]: row.get("name") for row in self.summary.get("boundaries", [])}
+        return str(called(label, names.get(label))).replace("$", r"\$")
 
     @property
     def friction(self) -> bool:

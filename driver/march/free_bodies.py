@@ -176,10 +176,7 @@ class FreeBodies:
         op, parts = self.operator, self.operator.rigid_parts
         placed = (parts.coefficients(op.deformations(x, load.weights, refined=op.uneven))
                   + op.structure.travel.of(load.weights))
-        turn = free_motions.of_bodies(parts.bodies, op.structure.rigid_modes)
-        gram = block_diag(*parts.gram)
-        # motions whitened: |z|^2 is the square of int |motion|^2
-        whiten = np.linalg.inv(np.linalg.cholesky(turn.T @ gram @ turn)).T
+        turn, gram, whiten = self._measure
         aim = -whiten.T @ turn.T @ gram @ (placed - self.placed).ravel()
         rows = op.comm.gather(self._conditions(x, gradient))
         change = np.zeros(op.modes)
@@ -191,6 +188,34 @@ class FreeBodies:
         change = op.comm.bcast(change)
         self.placed = placed + (turn @ change).reshape(placed.shape)
         return self.shift(load, change)
+
+    def leave(self, load, gradient: np.ndarray) -> np.ndarray:
+        """Move bodies, as little as possible, out of all that they are in; returns the change of d.
+
+        `gradient` is that at the state. None move where no motion clears all. Collective.
+        """
+        op = self.operator
+        normal = np.column_stack(op.motions)[self.rows.normal]
+        place = self.rows.normal + op.structure.row_range[0]
+        rows = op.comm.gather((place, normal, gradient[self.rows.normal]))
+        change = np.zeros(op.modes)
+        if op.comm.rank == 0:
+            place, normal, room = (np.concatenate(part) for part in zip(*rows))
+            order, whiten = np.argsort(place), self._measure[2]
+            moved = least_distance(normal[order] @ whiten, room[order])
+            if moved is not None:
+                change = whiten @ moved
+        return self.shift(load, op.comm.bcast(change))
+
+    @functools.cached_property
+    def _measure(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Motions of bodies by the free ones, their gram matrix, and free motions of which |z|^2
+        is the square of int |motion|^2, in columns.
+        """
+        parts = self.operator.rigid_parts
+        turn = free_motions.of_bodies(parts.bodies, self.operator.structure.rigid_modes)
+        gram = block_diag(*parts.gram)
+        return turn, gram, np.linalg.inv(np.linalg.cholesky(turn.T @ gram @ turn)).T
 
     def _conditions(self, x: np.ndarray, gradient: np.ndarray):
         """What rigid motions do at the rank's contact rows: (h, modes) at those that may not move,

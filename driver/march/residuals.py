@@ -68,7 +68,8 @@ class Residuals:
         """Multipliers, gradient, change from x and residuals of the state without any force.
 
         None if that is no solution. Bodies have moved by `motion` (modes,) in it, by default where
-        they are. Forces that are all rounding settle nowhere: no step must fail for want of digits.
+        they are, and from there out of what they are in. Forces that are all rounding settle
+        nowhere: no step must fail for want of digits.
         """
         away = self.bodies.place(load)
         if motion is not None:
@@ -76,15 +77,22 @@ class Residuals:
         x0, op = np.zeros_like(x), self.operator
         nothing = x0, op.gradient(x0, load) if op.uneven else -load.d
         known, still = vars(self.scales).copy(), self.still
-        residuals = self.of(load, *nothing)
-        if self.enough(residuals):
-            return *nothing, x, residuals
+        for leaves in (False, True)[: 1 + (op.modes > 0)]:
+            if leaves:
+                nothing = x0, nothing[1] - self.bodies.leave(load, nothing[1])
+            residuals = self.of(load, *nothing)
+            if self.enough(residuals):
+                return *nothing, x, residuals
         # bodies that nothing stops go far: no scale for the state that is left
         vars(self.scales).update(known)
         self.still = still
-        if motion is not None:
+        if motion is not None or op.modes:
             self.bodies.bring(load, away)
         return None
+
+    def acts(self, x: np.ndarray) -> bool:
+        """Whether x (owned,) has any multiplier that is not zero."""
+        return self.operator.dot(x, x) > 0
 
     def _size(self, x: np.ndarray) -> float:
         """Norm of the contact forces in x."""
@@ -113,6 +121,10 @@ class Residuals:
             kkt = self._kkt(x, gradient, deformations, least, missed)
             if self.enough(kkt):
                 break
+        if not self.scales.pressing and not self.acts(x):
+            # of displacements that nothing has to overcome the norm is rounding
+            way = max(self.scales.d, self.qp.softest * self.scales.displacement)
+            others["stationarity"] *= (self.scales.d or 1.0) / way if way > 0 else 1.0
         if op.levels > 1 and not exact and not self.enough(kkt):
             rounded = ROUNDINGS * self.qp.rounded_by_level(x)
             least[1:] = np.maximum(least[1:], rounded[1:] / self.asked("penetration"))
@@ -162,7 +174,7 @@ class Residuals:
         their own are unknown, and with them the slip that a later step starts from. Where nothing
         has pressed yet, gluing forces may be rounding as well (a body that expands freely); then,
         and without a preconditioner, it is the projected gradient relative to what the QP's
-        tolerance is.
+        tolerance is (or, without any force, to the deformation, see `of`).
         """
         op, qp, scales = self.operator, self.qp, self.scales
         projected = projected_gradient(x, gradient, *self.rows.limits(op.owned, x))

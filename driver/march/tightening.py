@@ -66,6 +66,9 @@ class Tightening:
         Raises Unfinished.
         """
         state = self.first = x, gradient, sliding
+        # the step before had no forces either?
+        if self.operator.modes and self.index > 1 and not self.residuals.acts(x):
+            self.answer = self.residuals.free_of_forces(self.load, x)
         while self.answer is None:
             try:
                 state, self.stop = self._found(*state), None
@@ -210,13 +213,14 @@ class Tightening:
         if self.rounded is not None:
             self.answer = self._back_to(self.rounded)
             return x, gradient, sliding
-        if isinstance(stop, NoSolution):
-            raise Unfinished(stop, x, gradient)
         loose = not self._eliminates and self.of_friction > LAST_FRICTION
         if not stop and (loose or self.of_qp > LAST_PART):
             return None
-        if stop or self._eliminates:
-            raise Unfinished(stays, x, gradient)
+        if stop or self._eliminates:  # or forces of bodies that nothing holds are rounding alone
+            self.answer = self._without_forces(x) if self.operator.modes else None
+            if self.answer is None:
+                raise Unfinished(stop if isinstance(stop, NoSolution) else stays, x, gradient)
+            return x, gradient, sliding
         self._eliminate(None)
         return x, gradient, sliding
 

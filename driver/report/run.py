@@ -9,6 +9,7 @@ from ..estimates.budget_words import (SOURCES, describe_energy, earlier, of_sums
                                       unit, unknown)
 from ..results import screen
 from ..results.tables import BOUNDARIES, PROBES
+from ..text import called
 from ..units import assumed, generic
 from . import page
 
@@ -115,7 +116,8 @@ def _rows(summary: dict, key: str, first: str, columns: tuple) -> str:
             for c in shown]
     head[0] = first
     rows = screen.without_noise(summary.get(key, []), shown)
-    return page.table(head, [[row[c.name] for c in shown] for row in rows])
+    return page.table(head, [[called(row[shown[0].name], row.get("name")),
+                              *(row[c.name] for c in shown[1:])] for row in rows])
 
 
 def pictures(folder: Path, captions: dict[str, str] | None = None,

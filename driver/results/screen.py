@@ -2,7 +2,7 @@
 
 import re
 
-from ..text import aligned
+from ..text import aligned, called
 from ..units import generic
 from .tables import BOUNDARIES, PROBES
 
@@ -92,7 +92,8 @@ def _table(first: str, rows: list[dict], columns: tuple, units: dict[str, str]) 
     names = [name for name in HEADS if name in unit]
     table = [[first, *(f"{HEADS[name]} [{unit[name]}]".removesuffix(" [1]") for name in names)]]
     rows = without_noise(rows, columns)
-    table += [[row[first], *(f"{row[name]:.4g}" for name in names)] for row in rows]
+    table += [[called(row[first], row.get("name")), *(f"{row[name]:.4g}" for name in names)]
+              for row in rows]
     return aligned(table).splitlines()
 
 

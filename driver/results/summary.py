@@ -189,9 +189,9 @@ class Summary:
     periods: list | None = entry("periods of bodies in pairs with periodic boundaries: [x, y]",
                                  "length", optional=True)
     boundaries: list | None = entry(
-        "rows of boundaries.csv in the last step, if there is contact", "see boundaries.csv",
-        optional=True)
-    probes: list | None = entry("rows of probes.csv in the last step, if the scene has probes",
+        "rows of boundaries.csv in the last step, if there is contact; with the name that a gmsh "
+        "file gives the label, if any", "see boundaries.csv", optional=True)
+    probes: list | None = entry("rows of probes.csv in the last step, likewise, of probes",
                                 "see probes.csv", optional=True)
     resumed_after_step: int | None = entry(
         "number of steps taken over from an interrupted run", optional=True)
@@ -263,9 +263,9 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
         optional["quantities_time"] = writer.history_rows[index]["time"]
         last = writer.history_rows[-1]["step"]
         if problem.effects.contact:
-            optional["boundaries"] = [row for row in writer.boundary_rows if row["step"] == last]
+            optional["boundaries"] = _of_last(writer.boundary_rows, last, "boundary", manifest)
         if writer.probes is not None:
-            optional["probes"] = [row for row in writer.probes.rows if row["step"] == last]
+            optional["probes"] = _of_last(writer.probes.rows, last, "probe", manifest)
     return Summary(
         scene=request.scene, variant=str(manifest.parameters.get("loading", "")),
         converged=failure is None, reason=str(failure or ""), warnings=warnings,
@@ -280,6 +280,13 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
         seconds=seconds, effects_ledger=_ledger(problem, sizes, solver, writer),
         balance=_balance(writer, _softest(problem)), dissipated=writer.record.dissipated,
         **optional)
+
+
+def _of_last(rows: list[dict], step: int, first: str, manifest) -> list[dict]:
+    """The rows of a step, with the `name` of the label in their column `first`, if it has one."""
+    names = {f"{kind}{label}": {"name": name} for label, name in manifest.label_names.items()
+             for kind in ("", "label")}
+    return [row | names.get(str(row[first]), {}) for row in rows if row["step"] == step]
 
 
 def _balance(writer: Writer, softest: float) -> float:

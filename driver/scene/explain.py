@@ -50,6 +50,8 @@ def refusal(said: str, scene: Path) -> str:
         return f"{grammar.place(scene, quoted, -1)}: {said}"
     if re.match(r"(rectangle|rotate|units|quasistatic|addBody|bodyMaterial|subdomains)\b", said):
         return f"{grammar.uses(scene, first, -1 if 'twice' in said else 0)}: {said}"
+    if call := re.match(r'gmshLabel\("[^"]*"\)', said):
+        return f"{grammar.place(scene, re.escape(call[0]))}: {said}"
     if file := re.search(r"[\w./-]+\.(geo|msh)\b|^\S+(?= is (a dir|not there)| has no tri)", said):
         return grammar.place(scene, re.escape(file[0]) + '"') + f": {said}"
     found = placed(said, scene)
@@ -137,7 +139,7 @@ def _misunderstood(error: re.Match, lines: list[str], scene: Path, folder: Path)
     wrapper = macro and re.match(r"macro: (\w+)", macro)[1]
     if declared := _content_read(path, int(number), scene):
         return _wrong_content(declared, scene)
-    remedy = _mixed(wrapper, scene, path.name, int(number))
+    remedy = _mixed(wrapper, scene, path.name, int(number)) or _by_name(scene, wrapper)
     if wrapper in rooms.vocabulary():
         remedy = remedy or HINTS.get(error[4].strip(), "")
         return (f"{grammar.place(scene, rf'macro {wrapper}')}: FreeFEM does not understand "
@@ -146,7 +148,7 @@ def _misunderstood(error: re.Match, lines: list[str], scene: Path, folder: Path)
         if place := _after_unfinished(scene, wrapper):
             return f"{place} lacks its ;"
         return (f"{grammar.uses(scene, wrapper)}: FreeFEM does not understand what {wrapper} is "
-                f"given{token}")
+                f"given{token}{remedy}")
     if name := _holding(error[4].strip(), path, scene):
         return (f"{grammar.place(scene, rf'macro {name}')}: FreeFEM does not understand "
                 f"{name}{token}{remedy}")
@@ -163,6 +165,18 @@ def _misunderstood(error: re.Match, lines: list[str], scene: Path, folder: Path)
     elif said == "syntax error" and (unfinished := _unfinished(scene, path.name, int(number))):
         said = f"syntax error; line {unfinished} may lack its ;"
     return f"FreeFEM failed in {path.name} line {number}{token}: {said}{remedy}"
+
+
+def _by_name(scene: Path, *macros: str | None) -> str:
+    """What to write instead of "foot" in macros of the scene, or in any that calls traction or
+    pressure; empty where they have no text in quotes.
+    """
+    contents = [each.content for source in grammar.sources(scene)
+                for each in grammar.definitions(source) if each.name in macros
+                or {"traction", "pressure"} & {*macros} & {*re.findall(r"\w+", each.content)}]
+    text = re.search(r'"((\w+)[^"]*)"', " ".join(contents))
+    return (f"; a label is a number: that of a curve with this name in a gmsh file is given by  "
+            f'int {text[2]} = gmshLabel("{text[1]}");  after gmshBody') if text else ""
 
 
 def _holding(token: str, path: Path, scene: Path) -> str:
@@ -332,4 +346,4 @@ def _wrong_content(name: str, scene: Path) -> str:
     given = next((" ".join(each.content.split()) for source in grammar.sources(scene)
                   for each in grammar.definitions(source) if each.name == name), "")
     return (f"{grammar.place(scene, rf'macro {name}')}: the macro {name} cannot be  {given}: it "
-            f"expects {macro.text}")
+            f"expects {macro.text}{_by_name(scene, name) if 'label' in macro.text else ''}")

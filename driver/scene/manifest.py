@@ -94,6 +94,11 @@ class Manifest:
         return self.raw.get("notes", [])
 
     @property
+    def label_names(self) -> dict[int, str]:
+        """Names that gmsh files give to labels."""
+        return {int(label): name for label, name in self.raw.get("label_names", {}).items()}
+
+    @property
     def contact_pairs(self) -> list:
         """Pairs [label with contact nodes, label of the other body]."""
         return self.rooms.get("pair", {}).get("labels", [])

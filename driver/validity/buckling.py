@@ -14,12 +14,13 @@ stiffness.
 
 The first of the vectors, by which bodies give way most, mostly tells by its Rayleigh quotient that
 nothing is near its buckling load: then it is the only one. Bodies that contact alone keeps from
-turning are not looked at: they roll, and other points carry their forces then.
+turning are not looked at: they roll, and other points carry their forces then. They may hold others
+as they do in the step, but their own stress softens nothing.
 """
 
 import numpy as np
 
-from .finite_rotations import Triangles, rolls, turning
+from .finite_rotations import Triangles, rolling, turning
 
 VECTORS = 6
 SLIGHT = 0.02  # quotient of the first vector with which it is the only one
@@ -36,10 +37,12 @@ def reached(frozen, structure, fields: list[np.ndarray],
     `before` for another step; 0 where none is compressed by more than before. Collective.
     """
     weights, bodies = frozen.step.weights, structure.travel.bodies
-    if rolls(structure):
+    stands = ~rolling(structure)
+    if not stands.any():
         return 0.0, before
     triangles = [Triangles(sub) for sub in structure.subdomains]
-    stresses = [of.turning_part(of.of_run(of.gradient(u), u, weights))
+    stresses = [stands[bodies.number[of.sub.index]]
+                * of.turning_part(of.of_run(of.gradient(u), u, weights))
                 for of, u in zip(triangles, fields)]
     sums = np.zeros((2, structure.total))  # volume, and the square of a strain in it
     for of, stress in zip(triangles, stresses):

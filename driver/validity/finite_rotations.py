@@ -9,10 +9,20 @@ from .soundness import NEARLY_INCOMPRESSIBLE
 TURNS = 1e-10  # rotation times size of a rigid motion that turns a body
 
 
+def rolling(structure) -> np.ndarray:
+    """(bodies,) whether contact alone keeps a body from turning: as it rolls other points are in
+    contact.
+    """
+    bodies = structure.travel.bodies
+    turns = np.zeros(len(bodies.size), dtype=bool)
+    for mode in structure.rigid_modes:
+        turns[bodies.number[mode.members[0]]] |= abs(mode.rotation) * bodies.size.max() > TURNS
+    return turns
+
+
 def rolls(structure) -> bool:
-    """Whether contact alone keeps a body from turning: as it rolls other points are in contact."""
-    size = structure.travel.bodies.size.max(initial=0.0)
-    return any(abs(mode.rotation) * size > TURNS for mode in structure.rigid_modes)
+    """Whether any of the bodies is `rolling`."""
+    return bool(rolling(structure).any())
 
 
 class Triangles:

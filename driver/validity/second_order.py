@@ -37,7 +37,7 @@ SLIGHT = 0.01  # energy of what strains leave out, over theirs, up to which the 
 @dataclass
 class Change:
     """What finite rotations change in a step: the largest displacement by a part `displacement` of
-    it, zero where contact alone keeps a body from turning, which rolls to other points of contact;
+    it, zero where contact alone keeps any body from turning, which rolls on;
     of the contact nodes the normal forces by `added` (n_c,), beside forces `size` (n_c,).
     """
 

@@ -15,6 +15,7 @@
 }
 part == 3 && $1 == 1 && NF > 2 {
   name = $0; sub(/^[^"]*"/, "", name); sub(/"[^"]*$/, "", name)
+  gsub(/[\\"\t\r]/, "", name)  # no letters that a text in quotes cannot have
   named[++curves_named] = $2 "\n" name
   next
 }

@@ -59,6 +59,15 @@ def test_an_obstacle_that_comes_from_behind_is_refused(reach, refused):
         obstacle_motion._distance(phi, slope, at, TIMES)
 
 
+def test_a_function_of_reversed_sign_is_refused_where_the_body_touches_at_the_start():
+    """A body on its obstacle is no distance off by either sign, but by one of them inside it."""
+    at = nodes([[-1, 0], [1, 0]], [[0, -1], [0, -1]])
+    phi = np.tile(TIMES[:, None], 2) * 0.1  # lowered by time
+    assert (obstacle_motion._distance(phi, np.tile([0.0, 1.0], (3, 2, 1)), at, TIMES) == phi).all()
+    with pytest.raises(InputError, match=r"\(-1, 0\) at the time 0, but does not face it"):
+        obstacle_motion._distance(phi, np.tile([0.0, -1.0], (3, 2, 1)), at, TIMES)
+
+
 def test_even_obstacles_slide_along_their_labels_and_others_do_not():
     """Rounding of places is no unevenness; nor are steps from label to label, at whose common
     vertex the mean stands.

@@ -1089,6 +1089,26 @@ def test_the_picture_goes_as_far_as_the_body_does(run, way, end):
     assert obstacle.where_it_goes(dataclasses.replace(far, obstacle=None), box) is box
 
 
+@pytest.mark.parametrize("shift, angle", [((-12.0, 0.0), 0.0), ((1.0, -3.0), 2.0)])
+def test_a_bump_that_comes_from_afar_is_in_the_picture_of_the_start(run, shift, angle):
+    """What the body touches in the last step, where it was before it shifted and turned."""
+    bump = np.array([[1.9, 0.0], [2.0, 0.1], [2.2, 0.0], [3.0, 0.0]])
+    turn = np.exp(1j * angle)
+    before = ((bump @ [1, 1j]) - (shift @ np.array([1, 1j]))) / turn
+    steps = run.contact["step"]
+    table = {"step": np.repeat([0.0, steps.max()], 4),
+             "x0": np.concatenate([before.real, bump[:, 0]]),
+             "y0": np.concatenate([before.imag, bump[:, 1]])}
+    rows = {name: values[steps == steps.max()][:1] for name, values in run.contact.items()}
+    rows |= {"x": bump[1:2, 0], "y": bump[1:2, 1], "u_n": np.zeros(1), "u_t": np.zeros(1),
+             "status": np.array(["stick"])}
+    box = np.array([[0.0, 0.0], [20.0, 10.0]])
+    found = obstacle.where_it_goes(dataclasses.replace(run, contact=rows, obstacle=table), box)
+    place = np.array([before[1].real, before[1].imag])
+    np.testing.assert_allclose(found, [np.minimum(box[0], place), np.maximum(box[1], place)],
+                               atol=1e-12)
+
+
 def test_obstacles_whose_pieces_are_as_far_apart_as_they_are_long_stay_apart():
     """Arcs begin anew at the second piece: its distance of 2 is the arc of the first."""
     rows = {"arc": np.array([0.0, 1, 2, 0, 1]), "x": np.array([0.0, 1, 2, 0, 0]),

@@ -177,3 +177,31 @@ def test_a_fixed_point_lost_in_rounding_is_no_failure_without_forces(built, step
     resting = built(scene=named_scene("lid", LID), subdomains="3x1", cells=2, steps=2)
     solver, steps = steps_of(resting, **TIGHT)
     assert solver.failure is None and not any(step.multipliers.any() for step in steps)
+
+
+SWELLING = """include "scene.idp"
+units("mm", "MPa");
+subdomains("20");
+quasistatic(1.);
+rectangle(0., 30., 0., 6.);
+macro young() 40. //
+macro poisson() 0.35 //
+macro thermal1() 0.04 //
+macro amplitude1(t) t //
+macro support() on(4, u1 = 0.) //
+macro contact() 3 //
+macro gap() 0.05 //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("cut", ["1x1", "3", "10x2", "20x4"])
+@pytest.mark.some(2)
+def test_a_swelling_body_moves_off_its_lid_without_force(built, steps_of, named_scene, cut):
+    """All of its side touches at once, and nothing holds it: any force would be wrong."""
+    problem = built(scene=named_scene("swelling", SWELLING), subdomains=cut, steps=10, cells=5)
+    solver, steps = steps_of(problem, rtol=1e-8)
+    assert solver.failure is None and len(steps) == 10
+    # of E times the strain, were the body held
+    largest = max(np.abs(step.multipliers[solver.rows.normal]).max() for step in steps)
+    assert largest <= 1e-9 * 40.0 * 0.04 * 30.0

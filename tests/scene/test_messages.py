@@ -1095,6 +1095,42 @@ def test_labels_have_the_names_that_gmsh_knows(said, tmp_path):
     assert "no boundary with label 1; its labels are 0, 3 'top', 4, 7 'bottom side' (" in message
 
 
+NAMED = GEO.replace("Curve(1)", 'Curve("foot", 7)').replace("Curve(4)", 'Curve("left side", 1)')
+
+
+def test_labels_are_given_by_the_names_that_gmsh_knows(tmp_path):
+    (tmp_path / "mine.geo").write_text(NAMED)
+    scene, text = tmp_path / "mine.edp", SCENE.replace(*MESHED[0]).replace(*MESHED[1])
+    scene.write_text(text.replace("quasistatic", 'int low = gmshLabel("foot"), side = gmshLabel('
+                                  '"left side");\nquasistatic').replace("on(4", "on(side")
+                     .replace("contact() 1", "contact() low"))
+    made = freefem.export(scene, tmp_path / "export", {"steps": "2"})
+    assert made.contact_labels == [7] and set(made.labels) >= {1, 3, 7}
+    assert made.label_names == {1: "left side", 7: "foot"}
+
+
+@pytest.mark.parametrize("call, words", [
+    ('gmshLabel("toe")', 'gmshLabel("toe"): no physical curve has this name; names that the files '
+                         'give: left side, foot'),
+    ('gmshLabel("foot"); body = gmshBody("mine.geo", 0.5)', "stands before gmshBody, which reads")])
+def test_a_name_that_gmsh_does_not_know_is_refused(said, tmp_path, call, words):
+    (tmp_path / "mine.geo").write_text(NAMED)
+    late = "gmshBody" in call
+    message = said(MESHED[0], (MESHED[1][0], "" if late else MESHED[1][1]),
+                   ("quasistatic", f"int low = {call};\nquasistatic"))
+    assert words in message and place(message) == 6
+
+
+@pytest.mark.parametrize("old, new, line", [
+    ("on(4", 'on("left side"', 9), ("traction(3", 'traction("left side"', 10),
+    ("contact() 1", 'contact() "left side"', 12)])
+@pytest.mark.some(1)
+def test_a_name_in_the_place_of_a_label_gets_its_call(said, old, new, line):
+    message = said((old, new))
+    assert message.endswith('given by  int left = gmshLabel("left side");  after gmshBody')
+    assert place(message) == line
+
+
 def test_a_geometry_that_leaves_no_mesh_does_not_get_that_of_the_body_before(said, tmp_path):
     (tmp_path / "mine.geo").write_text(GEO)
     (tmp_path / "exit.geo").write_text(GEO + 'Mesh 2; Save "own.msh"; Exit;\n')

@@ -280,6 +280,26 @@ def test_a_round_bar_that_may_turn_in_its_groove_does_not_buckle(solved, tmp_pat
     assert run.summary["validity"]["verdict"] == "ok"
 
 
+BESIDE = HEAD + GROOVE[len(HEAD):].replace("body = buildmesh(low(80) + top(12));", """
+addBody(buildmesh(low(24) + top(6)))
+int[int] sides = [11, 12, 13, 14];
+addBody(square(1, 20, [40. + x, 20.*y], label = sides))""").replace(
+    "macro contact()", """macro support() on(11, u1 = 0., u2 = 0.) //
+macro load2() pressure(13, 1.2*pi^2*2000./12./(4.*20.^2)) //
+macro contact()""").replace("macro poisson() 0.3", "macro poisson() 0.")
+
+
+def test_a_strut_beside_a_bar_that_may_turn_buckles(solved, tmp_path):
+    """With 1.2 of Euler's load; on the bar, which contact alone keeps from turning, nothing is
+    claimed.
+    """
+    (tmp_path / "beside.edp").write_text(BESIDE)
+    valid = solved(str(tmp_path / "beside.edp"), element="P2",
+                   errors="energy").summary["validity"]
+    # L = 20 t: shear takes off some thousandths
+    assert valid["buckling"] == pytest.approx(1.2, rel=0.05) and valid["verdict"] == "invalid"
+
+
 RUBBER = HEAD + '''real uneven = physical("uneven", 0.);
 rectangle(0., 10., 0., 5.);
 macro young() 4. //
