@@ -7,7 +7,7 @@ from mpi4py import MPI
 
 from ..contact.kkt import Scales
 from ..contact.rows import ContactRows
-from ..errors import NoSolution, NotConverged
+from ..errors import InputError, NoSolution, NotConverged
 from ..feti.dual_problem import DualProblem
 from ..options import Settings
 from ..qp.lanczos import norm_bound
@@ -83,6 +83,19 @@ class FrictionQP:
         scaled = self.scale * displacements
         return np.sqrt(self.operator.dot(scaled, scaled))
 
+    def asked_for(self, displacements: np.ndarray) -> float:
+        """The size of displacements that loads bring about.
+
+        Raises InputError where their squares overflow.
+        """
+        with np.errstate(over="ignore", invalid="ignore"):
+            size = self.size(displacements)
+        if not np.isfinite(size):
+            raise InputError("loads or prescribed displacements are so large that the squares of "
+                             "displacements exceed the largest number, 1.8e308: check their values "
+                             "and amplitudes")
+        return size
+
     def largest(self, x: np.ndarray) -> float:
         """||F|| ||x||, a bound of what x moves, in the same scale."""
         unscaled = x / self.scale
@@ -117,7 +130,8 @@ class FrictionQP:
         the step, `before` (j,) the elastic tangential displacements of the step before. Left out is
         what may be of any size and is not overcome: openings beyond the load's own response, unless
         contact is bilateral, and travel beyond all of this and what multipliers near those of the
-        step bring about, `moved` (owned,), `given` ones if so: the body slides.
+        step bring about, `moved` (owned,), `given` ones if so: the body slides. Raises InputError
+        where the squares of displacements overflow.
         """
         rows, comm, seen = self.rows, self.operator.comm, elastic.copy()
         over = elastic[rows.normal] + rigid[rows.normal] - rows.gap
@@ -129,7 +143,7 @@ class FrictionQP:
             far = np.abs(self.scale * np.array([seen, moved])).max(initial=0)
             limit = comm.allreduce(float(far), op=MPI.MAX) / self.scale[rows.tangential]
             seen[rows.tangential] += np.clip(rigid[rows.tangential], -limit, limit)
-        size = self.size(seen)
+        size = self.asked_for(seen)
         if rows.offset is not None and not given and size <= ROUNDED * self.size(rigid):
             # travel deforms by friction alone, and that needs no pressure
             x = np.zeros(len(elastic))

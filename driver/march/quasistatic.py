@@ -266,7 +266,7 @@ class QuasistaticSolver:
         if self.contact.motion is not None:
             gap = self.contact.motion.gap_at(self.times[index])[rows.normal_node]
             d[rows.normal] += np.maximum(-gap, 0.0)
-        return self.qp.size(self.operator.elastic_response(weights) + d)
+        return self.qp.asked_for(self.operator.elastic_response(weights) + d)
 
     def _record(self, step: Step) -> None:
         counts, worst = self.history.counts, self.history.residuals

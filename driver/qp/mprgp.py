@@ -36,6 +36,7 @@ EPS = np.finfo(float).eps
 CURVATURE_ROUNDINGS = 64  # of ||A|| p'p, below which the curvature p'Ap cannot be told from zero
 SMALLEST = np.finfo(float).tiny / EPS  # products below have lost digits
 GRADIENT_ROUNDINGS = 10  # of ||A|| ||x|| + ||b||: how exact a gradient Ax - b is
+TURNED = 0.5  # cosine against the gradient beyond which a preconditioner is wrong, not rounded
 MAX_DOUBLINGS = 40  # a factor 2^40 between bound and norm is no bad estimate, but noise in A
 MAX_REFUTATIONS = 3  # of convergence by a recomputed gradient that has not been halved
 ARC = (1.0, 1 / 4, 1 / 16)  # parts of a CG step tried on its projected arc (expansion "cg")
@@ -205,7 +206,9 @@ class _Mprgp:
         if self.preconditioner is not None:
             slope = self.dot(phi, z)
         if not slope > 0:
-            raise ValueError("preconditioner is not positive definite on the free set")
+            if not slope >= -TURNED * np.sqrt(self.dot(z, z) * self.phi2):
+                raise ValueError("preconditioner is not positive definite on the free set")
+            raise _Stop("stagnated", "the preconditioned gradient is rounding")
         return z, slope
 
     def exact_step(self, p, Ap, slope):

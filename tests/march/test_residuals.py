@@ -10,9 +10,12 @@ from mpi4py import MPI
 
 from driver.contact.kkt import FADED, Scales, kkt_residuals
 from driver.contact.rows import ContactRows
+from driver.effects import Effects
+from driver.errors import InputError
 from driver.march import residuals as of_steps
 from driver.march.slip import SlipState
 from driver.march.outlook import FORESEEN, foresight, growth
+from driver.march.quasistatic import QuasistaticSolver
 from driver.march.step import Load, Trace
 from driver.options import Settings
 
@@ -518,3 +521,24 @@ def test_corners_are_judged_by_the_whole_deformation(built, steps_of):
         assert solver.scales.displacements == pytest.approx(whole, rel=1e-6)
         found.append(solver.scales.displacement)
     assert found[0] == pytest.approx(found[1], rel=1e-6)
+
+
+# ---- loads beyond what can be squared ------------------------------------------------------------
+
+def test_loads_whose_squares_overflow_are_refused(built, named_scene):
+    """Contact without a gap is homogeneous: loads of 1e140 bring about 1e140 times the forces, to
+    the tolerance of a step. Those of 1e200 have norms that are no numbers any more.
+    """
+    text = SPIKE.replace("(abs(t - 0.5) < 0.01 ? 1e6 : t)", "t")
+    problem = built(scene=named_scene("far", text), steps=2, cells=3)
+    manifest, effects = problem.manifest, Effects(problem.manifest)
+
+    def end(factor: float) -> np.ndarray:
+        solver = QuasistaticSolver(problem.operator, effects, factor * manifest.factors,
+                                   np.linspace(0, 1, 3), Settings())
+        return [*solver.steps()][-1].multipliers
+
+    of_one, of_many = end(1.0), end(1e140)
+    assert np.abs(of_many * 1e-140 - of_one).max() <= 1e-5 * np.abs(of_one).max()
+    with pytest.raises(InputError, match="loads or prescribed displacements are so large"):
+        end(1e200)

@@ -686,6 +686,24 @@ def test_a_gradient_below_its_own_rounding_is_not_followed(expansion):
     assert np.abs(found.x).max() < 1e-100
 
 
+def test_a_preconditioned_gradient_that_is_rounding_stagnates():
+    """What the preconditioner gives is across the gradient, but for a part of 1e-5 against it: no
+    symmetric positive definite one does that, but one with a condition of 1e16 does after rounding.
+    No caller's mistake: what has been found so far is returned.
+    """
+    A, b, lower, upper = problem(8)
+    lower, upper = np.full_like(b, -1e3), np.full_like(b, 1e3)
+
+    def rounded(r, free):
+        across = np.roll(r, 1)
+        across -= r * (r @ across) / (r @ r)
+        return across - 1e-5 * np.linalg.norm(across) / np.linalg.norm(r) * r
+
+    found = mprgp(lambda v: A @ v, b, lower, upper, tol=1e-8 * np.linalg.norm(b),
+                  norm_bound=np.linalg.norm(A, 2), preconditioner=rounded)
+    assert found.status == "stagnated" and "preconditioned gradient" in found.reason, found
+
+
 def test_steps_that_lead_nowhere_stagnate(monkeypatch):
     def step(self):
         self.product(self.x)

@@ -227,6 +227,34 @@ def test_moduli_are_those_inside_triangles(built, tmp_path, element, young, inte
     assert energy == pytest.approx(integral / 2, rel=1e-13)
 
 
+EXPANDING = """include "scene.idp"
+subdomains("2");
+body = square(5, 4, [1 + x, y + 0.1*x*y]);
+macro young() (100. + 300.*x) //
+macro poisson() 0.45 //
+macro thermal1() 0.01 //
+macro support() on(4, u1 = 0., u2 = 0.) //
+MORE
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("element", ["P1", "P2", "P2-mixed"])
+@pytest.mark.parametrize("more", ["", "macro curved() 2 //", "macro axisymmetric() 1 //"],
+                         ids=["plane", "curved", "revolved"])
+@pytest.mark.some(3)
+def test_a_body_of_any_modulus_expands_without_stress(built, tmp_path, element, more):
+    """The stiffness times the displacement of free expansion is the thermal load, node by node: to
+    rounding, as both are polynomials that the rules integrate exactly where the modulus is linear.
+    """
+    path = tmp_path / "expanding.edp"
+    path.write_text(EXPANDING.replace("MORE", more))
+    strain = 0.01 if "axi" in more else 1.45 * 0.01  # of a plane body, which is held across
+    for sub in built(path, reduce=False, element=element).subdomains:
+        missing = sub.stiffness @ (strain * sub.xy).ravel() - sub.loads[0]
+        assert np.abs(missing).max() <= 1e-12 * np.abs(sub.loads[0]).max()
+
+
 LAYERS = """include "scene.idp"
 border low(t=0, 2) { x = t; y = 0.; label = 1; }
 border east(t=0, 1) { x = 2.; y = t; label = 2; }
