@@ -70,9 +70,10 @@ def _as_options(said: str, scene: Path) -> str:
 def placed(reason: str, scene: Path) -> str:
     """What the solver refuses, with the line of the macro of the scene that it names first.
 
-    It speaks of a contactPair as of a contact pair. What it says of an option has none.
+    It speaks of a contactPair as of a contact pair. What it says of an option has none, and what
+    begins with a line of another run of the scene keeps that.
     """
-    if re.match(r"[A-Z_]+\b", reason):
+    if re.match(r"[A-Z_]+\b|\S+ line \d+: ", reason):
         return reason
     named, fault = [], reason.split(": add ")[0]  # the rest is the remedy
     for source in grammar.sources(scene):

@@ -927,6 +927,15 @@ def test_what_the_solver_says_of_an_option_has_no_line_of_the_scene(tmp_path):
     assert explain.placed(reason, path) == reason
 
 
+def test_a_line_of_the_scene_is_said_once(tmp_path):
+    """A search for an accuracy ends with what one of its runs was refused for."""
+    path = tmp_path / "mine.edp"
+    path.write_text(SCENE)
+    once = explain.placed("contact on label 3 is not known", path)
+    assert re.match(r"mine.edp line \d+: contact on", once)
+    assert explain.placed(once, path) == once
+
+
 def test_labels_that_are_names_are_said_to_be_none(said):
     message = said(("macro contact() 1 //", "border bottom(t=0, 1) { x = t; y = 0; }\n"
                                             "macro contact() bottom //"))
