@@ -338,7 +338,7 @@ class Caution:
         # those of stresses do, which the strongest of one material, r^-3/4, leave at 1/4
         least = UNSETTLED if quantity.kind != LOCAL else 0.0
         part = extrapolate(changes, ratios, formal, value, quantity.limit, singular,
-                           caution, FAST if fast else 1.0, least)
+                           caution, FAST if fast else 1.0, least, name in HELD)
         slowest = NO_ORDER if self.sizes and name in HELD else min(least, formal)
         told = {self._told(part, changes, formal + above, slowest)
                 for above in (0.0, ABOUT * estimated)}

@@ -6,6 +6,7 @@ coarse meshes. Where there are others, each peak of displacements is compared wi
 coarser meshes, as one that is not the largest may grow by more than the largest does. Peaks are
 nodes with displacements that no neighbour exceeds, and which neither contact nor a support
 prescribes. Contact prescribes those along its normal: a node that moves along the boundary is free.
+Such displacements have the orders that the largest one has, no slower than UNSETTLED.
 Beside a prescribed displacement all are lower, and come the nearer to it the finer the mesh is:
 they are none.
 
@@ -25,7 +26,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from .budget import Part, extrapolate, located
+from .budget import UNSETTLED, Part, extrapolate, located
 
 ROUNDING = 1e-9  # relative change of a largest displacement that a support prescribes
 # by how much others may exceed it, relative: bulges beside a support; 2.1 found, and 3.9 of a pad
@@ -121,7 +122,8 @@ def exceeding(pairs: list[tuple[Peaks, Peaks]], ratios: list[float], formal: flo
             largest &= all(size >= (1 - ROUNDING) * of.largest
                            for size, of in zip(sizes, (fine, coarse)))
         if same and not largest:
-            part = extrapolate(same, ratios, formal, peak[SIZE], True)
+            part = extrapolate(same, ratios, formal, peak[SIZE], True, least=UNSETTLED,
+                               falling=True)  # as the largest one
             most = max(most, float(peak[SIZE]) + part.error - own.largest)
     return most
 
