@@ -145,6 +145,16 @@ def test_what_a_support_prescribes_has_no_error(row, error, claimed):
     np.testing.assert_array_equal(split.ways, own.ways)
 
 
+@pytest.mark.parametrize("error, claimed", [(0.0, 0.075), (1e-7, 0.075), (1e-3, 1e-3)])
+def test_a_bulge_may_exceed_what_an_obstacle_prescribes(error, claimed):
+    """A jaw that moves by 3: meshes agree on that to the tolerance of contact, and claimed 1e-7,
+    where the square between two jaws bulged by a thousandth more.
+    """
+    jaw = Peaks(3.0, 0.0, np.empty((0, 4)))
+    found = exceeded(Part(error), 3.0, [(jaw, jaw), (jaw, jaw)], [2.0, 2.0], 2.0)
+    assert found.error == pytest.approx(claimed)
+
+
 def test_prices_of_a_displacement_are_no_better_than_what_no_mesh_tells():
     """A price list of one that a support prescribes promises nothing below, on any kind of mesh.
     """
