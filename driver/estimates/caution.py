@@ -35,8 +35,8 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
 - where nothing touches, but does on a coarser mesh, or is nearer to it than displacements err;
 - where pressures are so small beside the mean one as the error in energy is beside the energy, and
   contact may not be there;
-- where all nodes that touch slide one way and it is not sure that they slide: all meshes then have
-  friction at its bound, and agree;
+- where all nodes that touch slide one way and it is not sure that all do: meshes then have
+  friction at its bound, and agree (dragging.py);
 - for the work of friction where the largest slip may be nothing but its own error: neither is sure;
 - where the coarsest mesh has so few nodes in contact that they tell nothing of it: an order with it
   may be chance, and no less is claimed than by the two other meshes alone: of quantities without
@@ -73,6 +73,7 @@ from . import sharp_ends
 from .adjoint import SEES, held
 from .budget import (SAFETY, UNSETTLED, Part, enlarged, extrapolate, formal_order, located,
                      observed_order)
+from .dragging import unsure, with_lacking
 from .free_peak import Peaks, exceeded
 from .polygons import too_short
 
@@ -194,9 +195,10 @@ class Caution:
             parts[LENGTH] = located(parts[LENGTH], self.touch.lighter(LIGHT * self.energy))
         if len(runs) == 1 and FORCE in parts:
             parts[FORCE] = self._of_two(parts[FORCE], changes[FORCE][0], abs(values[FORCE]))
-        if SHEAR_FORCE in values:
-            parts[SHEAR_FORCE] = self._shear(values, changes, parts)
-        if WORK in values and _unsure(values, parts):
+        if SHEAR_FORCE in values.keys() - self.given:
+            part = self._shear(values, changes, parts)
+            parts[SHEAR_FORCE] = with_lacking(part, self.touch, values, parts)
+        if WORK in values and unsure(values, parts):
             parts[WORK] = located(parts[WORK], abs(values[WORK]))
         return parts
 
@@ -296,7 +298,7 @@ class Caution:
         """
         part, force = parts[SHEAR_FORCE], abs(values[FORCE])
         own = np.abs(changes[SHEAR_FORCE])
-        if self.touch.dragged and _unsure(values, parts):
+        if self.touch.dragged and unsure(values, parts):
             return located(part, abs(values[SHEAR_FORCE]))
         if own.max(initial=0.0) <= BALANCE * force:
             return part
@@ -384,12 +386,6 @@ def _grow(changes: list, ratios: list[float]) -> bool:
 def _wander(changes: list, ratios: list[float]) -> bool:
     """Whether changes from mesh to mesh turn back and hardly fall."""
     return len(changes) > 1 and changes[0] * changes[1] < 0 and _grow(changes, ratios)
-
-
-def _unsure(values: dict, parts: dict) -> bool:
-    """Whether anything slides is not sure: the largest slip may be its own error."""
-    error = parts["slip"].error
-    return error is not None and error >= values["slip"]
 
 
 def by_balance(values: dict, parts: dict) -> set[str]:
