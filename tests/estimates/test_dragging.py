@@ -54,7 +54,7 @@ def test_what_slid_on_lacks_no_friction(touch):
 
 
 def test_shear_that_loads_give_does_not_hang_on_what_sticks():
-    """By equilibrium, whatever slides: with slip that may be nothing but its error it was unknown."""
+    """By equilibrium, whatever slides: with slip that may be all error it was unknown."""
     values = {"tangential_resultant": [5.0, 5.0, 5.0], "slip": [0.1, 0.3, 0.7],
               "normal_resultant": [9.0, 9.0, 9.0], "displacement": [1.0, 1.0, 1.0]}
     runs = [dict(zip(values, column)) for column in zip(*values.values())]
