@@ -26,7 +26,8 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
   alone;
 - where areas of contact of a node or two carry a tenth of the force: it acts where a node is, as
   it does in adjoint problems, which then hold errors from below alone, and the second order of two
-  meshes is not taken for granted;
+  meshes is not taken for granted; a displacement that no adjoint problem holds is not claimed where
+  they do on the other one of two meshes;
 - not where loads give a resultant by balance, wherever contact is (given.py): coarser meshes tell
   what loads err by, and neither contact nor adjoint problems have a part in it;
 - for order three, where quadratic elements have straight sides on a round boundary, of contact or
@@ -183,6 +184,9 @@ class Caution:
             unknown = Part(None, note=GRAZES)
             return dict.fromkeys(parts, unknown) | {WAY: parts[WAY]}
         if WAY in values:
+            at_nodes = max((touch.lone for touch in touches[1:]), default=0.0) > LONE
+            if len(runs) == 1 and WAY not in self.sizes and at_nodes:
+                parts[WAY] = Part(None, note=OF_TWO)
             formal = formal_order("mesh", self.element, WAY, self.chords)
             alone = WAY not in self.sizes and not self._told(parts[WAY], changes[WAY], formal)
             parts[WAY] = self._square(parts[WAY], abs(values[WAY]), alone)

@@ -100,7 +100,7 @@ def exceeded(part: Part, value: float, pairs: list[tuple[Peaks, Peaks]], ratios:
             part = replace(part, error=part.error + pairs[0][0].between)
     unseen = any(each.by_support for pair in pairs for each in pair)
     if unseen or part.error is not None and part.error <= AGREE * value:
-        # that of a support or of an obstacle: no mesh tells when a place between the supports moves by more
+        # that of a support or of an obstacle: no mesh tells when a place between moves by more
         part = located(part, UNSEEN * value)
         if pairs and pairs[0][0].by_support:
             part = replace(part, floor=UNSEEN * value)
