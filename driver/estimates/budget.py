@@ -15,7 +15,9 @@ p above           trusted as little as below, down to the first order, or the fo
 p below 1         error = S SLOW rest, at the observed order, however slow; of integrals at the
                   order UNSETTLED or more: the strongest stresses leave that, slower is chance
 turning back      error = S times the larger of first and |q1 - q2| / (s - 1), both at the formal
-                  order where that is below 1
+                  order p where that is below 1; of forces and displacements the latter is what q1
+                  errs by, and q0 by 1 / r^p of it: whatever the sign, their errors fall so fast,
+                  while those of places, pressures and work lie between nodes by chance
 no decrease       error = S |q0 - q1| / (r^p - 1), p = UNSETTLED; a pressure, the only quantity that
                   may be without limit, gets none below the order DOUBTFUL, and at an end of contact
                   none where it changes by more than STILL
@@ -130,13 +132,14 @@ def observed_order(d1: float, d2: float, r: float, s: float) -> float:
 
 def extrapolate(changes: list[float], ratios: list[float], formal: float, value: float,
                 limit: bool = False, singular: bool = False, safety: float = SAFETY,
-                pair: float = 1.0, least: float = 0.0) -> Part:
+                pair: float = 1.0, least: float = 0.0, falling: bool = False) -> Part:
     """Error of a `value` from its changes q0 - q1, q1 - q2 (up to two) between sizes in `ratios`.
 
     `limit`: there is a limit in any case, so that changes that grow only tell that it is not near.
     `singular`: the value belongs to a place where it may be infinite, and has an error only where
     it hardly changes. `pair`: the order that two sizes alone are taken for; `least`: what there is
-    at least, so that slower changes are chance.
+    at least, so that slower changes are chance; `falling`: errors fall from size to size, of
+    whatever sign.
     """
     if not changes:
         return Part(None, note=ALONE)
@@ -157,7 +160,7 @@ def extrapolate(changes: list[float], ratios: list[float], formal: float, value:
     if singular and d1 + d2 > STILL * abs(value) or unlimited and order < DOUBTFUL:
         return Part(None, note=SINGULAR)
     if turned:
-        return Part(safety * spread, order)
+        return Part(safety * (max(first[0], first[1] / r**slow) if falling else spread), order)
     if order < SLOWEST:
         return Part(safety * d1 / (r**UNSETTLED - 1), rate=UNSETTLED)
     p = order if order <= formal else max(min(1.0, formal), 2 * formal - order)

@@ -26,7 +26,8 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
   alone;
 - where areas of contact of a node or two carry a tenth of the force: it acts where a node is, as
   it does in adjoint problems, which then hold errors from below alone, and the second order of two
-  meshes is not taken for granted;
+  meshes is not taken for granted; a displacement that no adjoint problem holds is not claimed where
+  they do on the other one of two meshes;
 - not where loads give a resultant by balance, wherever contact is (given.py): coarser meshes tell
   what loads err by, and neither contact nor adjoint problems have a part in it;
 - for order three, where quadratic elements have straight sides on a round boundary, of contact or
@@ -35,8 +36,8 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
 - where nothing touches, but does on a coarser mesh, or is nearer to it than displacements err;
 - where pressures are so small beside the mean one as the error in energy is beside the energy, and
   contact may not be there;
-- where all nodes that touch slide one way and it is not sure that they slide: all meshes then have
-  friction at its bound, and agree;
+- where all nodes that touch slide one way and it is not sure that all do: meshes then have
+  friction at its bound, and agree (dragging.py);
 - for the work of friction where the largest slip may be nothing but its own error: neither is sure;
 - where the coarsest mesh has so few nodes in contact that they tell nothing of it: an order with it
   may be chance, and no less is claimed than by the two other meshes alone: of quantities without
@@ -73,6 +74,7 @@ from . import sharp_ends
 from .adjoint import SEES, held
 from .budget import (SAFETY, UNSETTLED, Part, enlarged, extrapolate, formal_order, located,
                      observed_order)
+from .dragging import unsure, with_lacking
 from .free_peak import Peaks, exceeded
 from .polygons import too_short
 
@@ -182,6 +184,9 @@ class Caution:
             unknown = Part(None, note=GRAZES)
             return dict.fromkeys(parts, unknown) | {WAY: parts[WAY]}
         if WAY in values:
+            at_nodes = max((touch.lone for touch in touches[1:]), default=0.0) > LONE
+            if len(runs) == 1 and WAY not in self.sizes and at_nodes:
+                parts[WAY] = Part(None, note=OF_TWO)
             formal = formal_order("mesh", self.element, WAY, self.chords)
             alone = WAY not in self.sizes and not self._told(parts[WAY], changes[WAY], formal)
             parts[WAY] = self._square(parts[WAY], abs(values[WAY]), alone)
@@ -194,9 +199,10 @@ class Caution:
             parts[LENGTH] = located(parts[LENGTH], self.touch.lighter(LIGHT * self.energy))
         if len(runs) == 1 and FORCE in parts:
             parts[FORCE] = self._of_two(parts[FORCE], changes[FORCE][0], abs(values[FORCE]))
-        if SHEAR_FORCE in values:
-            parts[SHEAR_FORCE] = self._shear(values, changes, parts)
-        if WORK in values and _unsure(values, parts):
+        if SHEAR_FORCE in values.keys() - self.given:
+            part = self._shear(values, changes, parts)
+            parts[SHEAR_FORCE] = with_lacking(part, self.touch, values, parts)
+        if WORK in values and unsure(values, parts):
             parts[WORK] = located(parts[WORK], abs(values[WORK]))
         return parts
 
@@ -296,7 +302,7 @@ class Caution:
         """
         part, force = parts[SHEAR_FORCE], abs(values[FORCE])
         own = np.abs(changes[SHEAR_FORCE])
-        if self.touch.dragged and _unsure(values, parts):
+        if self.touch.dragged and unsure(values, parts):
             return located(part, abs(values[SHEAR_FORCE]))
         if own.max(initial=0.0) <= BALANCE * force:
             return part
@@ -338,7 +344,7 @@ class Caution:
         # those of stresses do, which the strongest of one material, r^-3/4, leave at 1/4
         least = UNSETTLED if quantity.kind != LOCAL else 0.0
         part = extrapolate(changes, ratios, formal, value, quantity.limit, singular,
-                           caution, FAST if fast else 1.0, least)
+                           caution, FAST if fast else 1.0, least, name in HELD)
         slowest = NO_ORDER if self.sizes and name in HELD else min(least, formal)
         told = {self._told(part, changes, formal + above, slowest)
                 for above in (0.0, ABOUT * estimated)}
@@ -384,12 +390,6 @@ def _grow(changes: list, ratios: list[float]) -> bool:
 def _wander(changes: list, ratios: list[float]) -> bool:
     """Whether changes from mesh to mesh turn back and hardly fall."""
     return len(changes) > 1 and changes[0] * changes[1] < 0 and _grow(changes, ratios)
-
-
-def _unsure(values: dict, parts: dict) -> bool:
-    """Whether anything slides is not sure: the largest slip may be its own error."""
-    error = parts["slip"].error
-    return error is not None and error >= values["slip"]
 
 
 def by_balance(values: dict, parts: dict) -> set[str]:

@@ -1,13 +1,13 @@
 """By how much a place may exceed the largest displacement on finer meshes.
 
-Where a support prescribes the largest displacement of a body, or that of a node beside it, it is
-about the same on all meshes, and they tell nothing of others that may exceed it: bulges UNSEEN on
-coarse meshes. Where there are others, each peak of displacements is compared with the same one on
-coarser meshes, as one that is not the largest may grow by more than the largest does. Peaks are
-nodes with displacements that no neighbour exceeds, and which neither contact nor a support
-prescribes. Contact prescribes those along its normal: a node that moves along the boundary is free.
-Beside a prescribed displacement all are lower, and come the nearer to it the finer the mesh is:
-they are none.
+Where a support prescribes the largest displacement of a body, or that of a node beside it, or a
+rigid obstacle that moves, it is about the same on all meshes, and they tell nothing of others that
+may exceed it: bulges UNSEEN on coarse meshes. Where there are others, each peak of displacements is
+compared with the same one on coarser meshes, as one that is not the largest may grow by more than
+the largest does, at the orders that the largest has, no slower than UNSETTLED. Peaks are nodes with
+displacements that no neighbour exceeds, and which neither contact nor a support prescribes. Contact
+prescribes those along its normal: a node that moves along the boundary is free. Beside a prescribed
+displacement all are lower, and come the nearer to it the finer the mesh is: they are none.
 
 What a support prescribes has no error, whatever meshes and adjoint problems say of a place beside
 it that moves by little more: the true largest displacement is that or more. It is more where
@@ -25,12 +25,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from .budget import Part, extrapolate, located
+from .budget import UNSETTLED, Part, extrapolate, located
 
 ROUNDING = 1e-9  # relative change of a largest displacement that a support prescribes
 # by how much others may exceed it, relative: bulges beside a support; 2.1 found, and 3.9 of a pad
 # of rubber in shear
 UNSEEN = 2.5e-2
+AGREE = 1e-5  # relative change of one that contact prescribes, which holds to its tolerance
 SAME = 0.5  # part of a peak of displacements that the same one on a coarser mesh has at least
 X, Y, SIZE, SIDE = range(4)
 SMOOTH = 0.83  # cosine of the turn of an outline up to which it goes on smoothly, 34 degrees
@@ -98,8 +99,8 @@ def exceeded(part: Part, value: float, pairs: list[tuple[Peaks, Peaks]], ratios:
         if part.error is not None:
             part = replace(part, error=part.error + pairs[0][0].between)
     unseen = any(each.by_support for pair in pairs for each in pair)
-    if unseen or part.error is not None and part.error <= ROUNDING * value:
-        # that of a support: no mesh tells when a place between the supports moves by more
+    if unseen or part.error is not None and part.error <= AGREE * value:
+        # that of a support or of an obstacle: no mesh tells when a place between moves by more
         part = located(part, UNSEEN * value)
         if pairs and pairs[0][0].by_support:
             part = replace(part, floor=UNSEEN * value)
@@ -121,7 +122,8 @@ def exceeding(pairs: list[tuple[Peaks, Peaks]], ratios: list[float], formal: flo
             largest &= all(size >= (1 - ROUNDING) * of.largest
                            for size, of in zip(sizes, (fine, coarse)))
         if same and not largest:
-            part = extrapolate(same, ratios, formal, peak[SIZE], True)
+            part = extrapolate(same, ratios, formal, peak[SIZE], True, least=UNSETTLED,
+                               falling=True)  # as the largest one
             most = max(most, float(peak[SIZE]) + part.error - own.largest)
     return most
 

@@ -61,7 +61,8 @@ class MeshPart:
         left = 0.0 if self.caution.adapted else unresolved.halvings(touches, ratios)
         if left:
             found = unresolved.of_corners(found, pairs[0], ratios[0], left)
-        claimed = unresolved.claimable(found, values, self.touch.nodes > 0)
+        claimed = unresolved.claimable(found, values, self.touch.nodes > 0,
+                                       pairs[0][1] if pairs else None)
         if goal:
             claimed[goal] = found[goal]
         return unresolved.known(claimed, self._unknown(corners=left > 0), values, self.loads)

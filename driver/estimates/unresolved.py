@@ -24,9 +24,10 @@ BLIND = 0.25  # smoothed stresses' error in energy over its bound; that is 2.6 t
 # at most in the tests, so that two thirds of the error are all that they see
 OPENS = 1.5  # power of the size of elements with which the next node opens: a corner 1, a curve 2
 OWN = "too coarse: its value may be nothing but its error"
-STICKS = "no node slides on this mesh"
+STICKS, BEGINS = "no node slides on this mesh", "no node slides on the next coarser mesh"
 PLACED = ("displacement",)  # which nodes in contact do not make
 OF_SLIP = ("slip", "dissipated_energy")
+OF_PLACES = ("peak_pressure", "contact_length", *OF_SLIP)  # what displacements bring in contact
 ALIKE = ("normal_resultant", "displacement")  # of meshes of the same problem
 # what hangs on the place of a force, which is known at corners, and on no pressure
 OF_CORNERS = ("normal_resultant", "tangential_resultant", "displacement", "slip",
@@ -149,20 +150,28 @@ def of_corners(found: dict[str, Part], pair: tuple[dict, dict], ratio: float,
     return found | {name: located(found[name], left * change) for name, change in each.items()}
 
 
-def claimable(found: dict[str, Part], values: dict, touches: bool = False) -> dict[str, Part]:
+def claimable(found: dict[str, Part], values: dict, touches: bool = False,
+              coarser: dict | None = None) -> dict[str, Part]:
     """The parts `found`, but those as large as the value itself: meshes on which it comes and goes
-    do not bound its error, nor that of the work of such a slip. What vanishes, but for the mesh, is
-    said to do so; by how much, if all that `touches` sticks, finer meshes know, on which it slides
-    at the ends of contact first.
+    do not bound its error, nor that of the work of such a slip; nor, of such displacements, those
+    of what they bring in contact. What vanishes, but for the mesh, is said to do so; by how much,
+    if all that `touches` sticks, finer meshes know, on which it slides at the ends of contact
+    first. So it is if all sticks on the next `coarser` mesh, of these values: how slip goes on
+    takes two meshes that have some.
     """
     zero = vanishing(values, {name: part.error for name, part in found.items()})
     unknown = {name for name, part in found.items() if name not in zero
                and part.error is not None and part.error >= abs(values[name]) > 0}
     if "slip" in unknown and "dissipated_energy" in found:
         unknown.add("dissipated_energy")
+    if "displacement" in unknown:
+        unknown |= {name for name in OF_PLACES if name in found and name not in zero
+                    and found[name].error is not None}
     found = found | {name: Part(None, note=OWN) for name in unknown}
-    if touches and values.get("slip") == 0:
-        found |= {name: Part(None, note=STICKS) for name in OF_SLIP if name in found}
+    slip, before = values.get("slip"), (coarser or {}).get("slip")
+    if touches and 0 in (slip, before):
+        note = BEGINS if slip else STICKS
+        found |= {name: Part(None, note=note) for name in OF_SLIP if name in found}
     return found
 
 

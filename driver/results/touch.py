@@ -8,6 +8,7 @@ from ..contact.states import OPEN, SLIP
 from .contact_edges import EDGE, beyond_ends, chains, doubt_of_ends, is_ring
 from .quantities import (carried, corners_of_materials, farthest_node, longest_ways,
                          made_under_load, moves)
+from .ways import onward, passed
 
 FEW = 6  # nodes in contact, among which the next may differ by all of a quantity's error
 # pressure at an end of the boundary, or in a dip, over the next: below it contact may end before
@@ -28,6 +29,8 @@ class Touch:
     round: int = 0  # how many press, if some of them belong to a boundary whose normals vary
     straight: bool = False  # all that press belong to straight boundaries, and meet obstacles
     dragged: bool = False  # all that touch slide, and one way
+    # (k, 2) of the nodes that slide: way since they last stuck or turned, and friction force
+    onward: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     open: dict = None  # what nodes leave open by quantity
     pressure: np.ndarray = field(default_factory=lambda: np.zeros(0))  # of those that touch
     length: np.ndarray = field(default_factory=lambda: np.zeros(0))  # of their boundary
@@ -72,7 +75,8 @@ class Touch:
         return cls(
             nodes=int(closed.sum()), lone=_lone(nodes, pressing), round=pressing_round,
             straight=straight,
-            dragged=bool(sliding and one_way), open=between_nodes(nodes, steps, index),
+            dragged=bool(sliding and one_way), onward=onward(nodes, steps, index),
+            open=between_nodes(nodes, steps, index),
             pressure=pressure[closed], length=length,
             ends=_at_ends(nodes, pieces, steps, index),
             loaded=_at_ends(nodes, pieces, steps, most), apart=float(apart),
@@ -192,8 +196,8 @@ def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
                 few += _of_few(nodes, piece, closed[piece])
         near = piece[(np.abs(piece - top) <= 1) & touching[:, piece].any(axis=0)]
         if top in piece and len(near):
-            onward = np.where(touching[:, near], 0.0, _passed(nodes, steps, index, top)[:, None])
-            apart = float(np.abs(way[near] + onward.sum(axis=0) - way[top]).max())
+            ahead = np.where(touching[:, near], 0.0, passed(nodes, steps, index, top)[:, None])
+            apart = float(np.abs(way[near] + ahead.sum(axis=0) - way[top]).max())
             if not _sharp_end(nodes, piece, closed, -steps["sigma_n"][index], top):
                 apart *= min(1.0, FEW / max(1, np.count_nonzero(sliding[:, piece].any(axis=0))))
     share = min(1.0, FEW / max(1, np.count_nonzero(closed)))
@@ -214,21 +218,6 @@ def _sharp_end(nodes: dict, piece: np.ndarray, closed: np.ndarray, pressure: np.
     length = nodes.get("length", nodes["weight"])[closed]
     near = pressure[piece[max(k - sides + 1, 0):k + sides]].max()
     return bool(near > STEEP * (pressure[closed] @ length) / length.sum())
-
-
-def _passed(nodes: dict, steps: dict, index: int, node: int) -> np.ndarray:
-    """(steps,) ways until step `index` that a node has slid by motion of an obstacle, not its own.
-
-    Zero where nothing drives it, and where contact follows the motion: as normals turn, changes of
-    u_t are not the node's own way.
-    """
-    way = np.where(steps["status"] == SLIP, moves(steps), 0.0)[: index + 1, node]
-    if not nodes.get("driven", np.zeros(len(nodes["arc"]), bool))[node]:
-        return np.zeros(len(way))
-    own = np.abs(np.diff(steps["u_t"][: index + 1, node], prepend=0.0))
-    past = np.abs(steps["slip"][: index + 1, node])
-    share = np.divide(own, past, out=np.ones_like(own), where=past > own)
-    return way * (1 - share)
 
 
 def of_arrivals(nodes: dict, steps: dict) -> float:

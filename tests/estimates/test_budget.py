@@ -73,6 +73,24 @@ def test_values_that_turn_back_are_as_uncertain_as_the_larger_change():
     assert part([0.3736, 0.3713, 0.39]).error >= 0.39 - 0.3713
 
 
+@pytest.mark.parametrize("formal", [3.0, 2.0, 0.6])
+def test_errors_that_fall_with_either_sign_are_less_on_the_finer_mesh(formal):
+    """A force that errs by h^p (-1)^k, p the first order or the formal one where that is less: its
+    last change but one, of the next mesh's error, is no error of the run.
+    """
+    p = min(1.0, formal)
+    for last, change in ((1e-3, -0.3), (0.1, -0.3)):
+        values = np.cumsum([1.0, last, change])
+        found, other = part(values, formal=formal, falling=True), part(values, formal=formal)
+        least = budget.SAFETY * max(last, abs(change) / 2**p) / (2**p - 1)
+        assert found.error == pytest.approx(least)
+        assert other.error == pytest.approx(budget.SAFETY * max(last, abs(change)) / (2**p - 1))
+    one_way = np.cumsum([1.0, 0.1, 0.3])
+    assert part(one_way, falling=True) == part(one_way)
+    true = 0.1**p * 2.0 ** (p * np.arange(3)) * [1, -1, 1]
+    assert part(true, formal=formal, falling=True).error >= abs(true[0])
+
+
 def test_two_levels_are_trusted_less_than_three():
     values = 3.0 + 0.7 * np.array([0.1, 0.2, 0.4]) ** 2
     assert part(values[:2]).error > part(values).error

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from driver.estimates.budget import Part
+from driver.estimates.budget import SAFETY, SLOW, UNSETTLED, Part
 from driver.estimates.free_peak import Peaks, exceeded, exceeding
 from driver.estimates.prices import Adaptive, Uniform
 
@@ -145,6 +145,16 @@ def test_what_a_support_prescribes_has_no_error(row, error, claimed):
     np.testing.assert_array_equal(split.ways, own.ways)
 
 
+@pytest.mark.parametrize("error, claimed", [(0.0, 0.075), (1e-7, 0.075), (1e-3, 1e-3)])
+def test_a_bulge_may_exceed_what_an_obstacle_prescribes(error, claimed):
+    """A jaw that moves by 3: meshes agree on that to the tolerance of contact, and claimed 1e-7,
+    where the square between two jaws bulged by a thousandth more.
+    """
+    jaw = Peaks(3.0, 0.0, np.empty((0, 4)))
+    found = exceeded(Part(error), 3.0, [(jaw, jaw), (jaw, jaw)], [2.0, 2.0], 2.0)
+    assert found.error == pytest.approx(claimed)
+
+
 def test_prices_of_a_displacement_are_no_better_than_what_no_mesh_tells():
     """A price list of one that a support prescribes promises nothing below, on any kind of mesh.
     """
@@ -173,6 +183,16 @@ def test_a_peak_that_is_not_the_largest_may_become_it(coarse, coarsest, exceeds)
     assert exceeding(pairs, [2.0, 2.0], 1.0) == pytest.approx(exceeds, abs=1e-9)
     far = mesh((0.0, 1.99), (11.0, 1.6))
     assert exceeding([(meshes[0], far)], [2.0], 1.0) == 0.0
+
+
+def test_a_peak_falls_no_slower_than_the_strongest_stresses_leave():
+    """Changes by 0.1 and 0.105 told an order of 0.07, and 3.6 were claimed of 2: displacements have
+    no such order, wherever they are.
+    """
+    meshes = [mesh((0.0, 2.0), (9.0, 1.9)), mesh((0.0, 1.99), (9.0, 1.8)),
+              mesh((0.0, 1.98), (9.0, 1.695))]
+    slowest = SAFETY * SLOW * 0.1 / (2**UNSETTLED - 1)
+    assert exceeding(list(zip(meshes, meshes[1:])), [2.0, 2.0], 3.0) == pytest.approx(slowest - 0.1)
 
 
 @pytest.mark.parametrize("sizes, found", [
