@@ -472,6 +472,17 @@ def test_a_contact_normal_that_points_into_the_body(said, declared, words, more)
     assert "mine.edp line 14: " in message  # of the macro
 
 
+@pytest.mark.parametrize("body", [(), DISC])
+def test_a_label_that_faces_away_is_told_of_one_that_does_not(said, body):
+    """Of a rectangle, and of a disc, whose upper half no obstacle below can touch."""
+    message = said(*body[:1], *body[2:], ("on(4, u1 = 0., u2 = 0.)", "on(4, u1 = 0.)") if not body
+                   else ("on(4, u1 = 0., u2 = 0.)", "on(3, u1 = 0.)"),
+                   ("macro contact() 1 //",
+                    "macro contact() 1, 3 //\nmacro obstacle(x, y) (y + 1.) //"),
+                   parameters={"steps": "2"})
+    assert "label 3 faces away from the obstacle, which label 1 faces" in message
+
+
 def test_each_side_of_a_corner_faces_the_obstacle(said):
     """A label round a square of single sides, all of whose nodes are corners."""
     message = said(("rectangle(0., 2., 0., 1.);",
