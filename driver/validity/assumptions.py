@@ -196,12 +196,12 @@ class Validity:
         """As far as the `change` by finite rotations, where it is known, says that forces feel it:
         a belt round a drum keeps those that pull at its ends.
         """
-        if self.problem.manifest.axisymmetric:  # whose sections are held by their hoops
+        structure, manifest = self.structure, self.problem.manifest
+        if manifest.axisymmetric:  # whose sections are held by their hoops
             return
-        partners, free = swelling.holders(self.structure, self.problem.manifest, self.member,
-                                          self.body)
+        met = swelling.holders(structure, manifest, self.member, self.body, step.weights, self.comm)
         for value, nodes, more, place in swelling.of_bodies(self.boundary, state, moved, self.body,
-                                                            self.turns, partners, free):
+                                                            self.turns, *met):
             felt = FELT * change.of_nodes(nodes) if change else np.inf
             self.note("largest_swelling", min(value, felt), place, step.index, **more)
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..contact.states import OPEN, ContactField
+from ..scene import elements
 from ..vectors import turned_left
 
 OPPOSED = 0.1  # of the forces from one side, up to which those from the other do not hold a body
@@ -19,10 +20,10 @@ ALONG = 0.1  # part of a rigid motion along a direction, above which it gives wa
 JOINTS = {"tie", "periodic"}  # may hold a body that has no support
 
 
-def holders(structure, manifest, member: np.ndarray,
-            body: np.ndarray) -> tuple[dict[int, list[int]], dict[int, list]]:
-    """`partners` and `free` of `of_bodies`; `member` (total,) and `body` (nodes,): numbers of the
-    bodies of all subdomains and nodes.
+def holders(structure, manifest, member: np.ndarray, body: np.ndarray, weights: np.ndarray,
+            comm) -> tuple[dict[int, list[int]], dict[int, list], np.ndarray | None]:
+    """`partners`, `free` and `grown` of `of_bodies`; `member` (total,) and `body` (nodes,): numbers
+    of the bodies of all subdomains and nodes, `weights` (patterns,) of the step. Collective.
     """
     edges, partners, free = structure.outer_edges, {}, {}
     for one, two in manifest.contact_pairs:
@@ -30,11 +31,13 @@ def holders(structure, manifest, member: np.ndarray,
             np.unique(body[edges[edges[:, 2] == two, 0]]).tolist())
     for mode in () if JOINTS & set(manifest.rooms) else structure.rigid_modes:
         free.setdefault(int(member[mode.members[0]]), []).append(mode)
-    return partners, free
+    warm = "thermal_strain" in manifest.rooms
+    return partners, free, _expansions(structure, member, weights, comm) if warm else None
 
 
 def of_bodies(boundary, state: dict, moved: np.ndarray, body: np.ndarray, turns: np.ndarray,
-              partners: dict[int, list[int]], free: dict[int, list] | None = None
+              partners: dict[int, list[int]], free: dict[int, list] | None = None,
+              grown: np.ndarray | None = None
               ) -> list[tuple[float, np.ndarray, dict, np.ndarray]]:
     """Of every body that contact holds: the part of its squeeze that comes of its turning, the
     contact nodes (k,) that hold it, by how much it turns, and where (2,) it is held.
@@ -42,7 +45,8 @@ def of_bodies(boundary, state: dict, moved: np.ndarray, body: np.ndarray, turns:
     `boundary` and `state` of the contact nodes, `moved` (nodes, 2) displacements, `body` (nodes,)
     numbers of the nodes' bodies, `turns` (bodies,) their mean rotations, `partners` the bodies that
     each first label of pairs meets. Of a label that meets several bodies these are left out.
-    `free`: of bodies without full support, the RigidModes that nothing but contact holds.
+    `free`: of bodies without full support, the RigidModes that nothing but contact holds. `grown`
+    (bodies,): by which part of their length their temperature makes them longer, None: by nothing.
     """
     closed = np.flatnonzero(state[ContactField.STATUS] != OPEN)
     own, label = body[boundary.gid[closed]], boundary.label[closed].tolist()
@@ -64,7 +68,8 @@ def of_bodies(boundary, state: dict, moved: np.ndarray, body: np.ndarray, turns:
         xy, pressed, beside = sides.of(k)
         turned = np.abs(np.where(beside >= 0, turns[beside], 0.0)).min()
         part = share(xy, np.concatenate([u[first], (u - jump)[second]]), pressed, turns[k], turned,
-                     np.concatenate([of_other[first], of_own[second]]))
+                     np.concatenate([of_other[first], of_own[second]]),
+                     0.0 if grown is None else grown[k])
         if part:
             direction = _direction(pressed)
             if sides.give_way(k, direction) or sides.give_way(k, -direction):
@@ -115,11 +120,27 @@ def _direction(force: np.ndarray) -> np.ndarray:
     return np.linalg.eigh(force.T @ force)[1][:, -1]
 
 
+def _expansions(structure, member: np.ndarray, weights: np.ndarray, comm) -> np.ndarray:
+    """(bodies,) by which part of their length bodies would grow by their temperature if nothing
+    held them, on the mean; `member` as above, `weights` (patterns,) of the step. Collective.
+    """
+    sums = np.zeros((2, structure.total))
+    for sub in structure.subdomains:
+        area = elements.areas(sub.corner)
+        sums[0, sub.index] = area.sum()
+        for pattern, suppressed in sub.thermal.items():
+            stress = suppressed if suppressed.ndim == 2 else suppressed.mean(axis=1)
+            strain = np.linalg.solve(sub.elasticity, stress[..., None])[..., 0]
+            sums[1, sub.index] += weights[pattern] * (area @ strain[:, :2].mean(axis=1))
+    area, grown = (np.bincount(member, values) for values in comm.allreduce(sums))
+    return grown / np.where(area > 0, area, 1.0)
+
+
 def share(xy: np.ndarray, u: np.ndarray, force: np.ndarray, turn: float, beside: float,
-          given: np.ndarray) -> float:
+          given: np.ndarray, grown: float = 0.0) -> float:
     """Part of the squeeze between forces (n, 2) at places `xy` (n, 2) with displacements u (n, 2)
     that comes of the rotation `turn` of the body, where what holds it turns by `beside` at least
-    and is deformed by `given` (n, 2) there.
+    and is deformed by `given` (n, 2) there, and its temperature lengthens it by the part `grown`.
 
     0 where the forces come from one side.
     """
@@ -133,6 +154,7 @@ def share(xy: np.ndarray, u: np.ndarray, force: np.ndarray, turn: float, beside:
         [weight @ values / weight.sum() for weight in weights] for values in (xy, u, given))
     apart = other - place
     squeeze = abs((way_of_other - way - turn * turned_left(apart[None])[0]) @ direction)
+    squeeze += abs(grown * (apart @ direction))
     squeeze += sum(abs(way @ direction) for way in yielded)
     growth = abs(apart @ direction) * max(turn**2 - beside**2, 0.0) / 2
     return float(growth / squeeze) if squeeze > 0 else 0.0

@@ -45,6 +45,12 @@ def test_what_turns_along_grows_as_much():
     assert swelling.share(PLACES, np.zeros((4, 2)), PRESSED, 0.0, 0.0, RIGID) == 0.0
 
 
+def test_what_temperature_lengthens_a_body_by_squeezes_it():
+    """By a hundredth of its length of 2, as much as displacements tell: half the part is left."""
+    found = swelling.share(PLACES, moved(0.05, 0.02), PRESSED, 0.05, 0.0, RIGID, 0.01)
+    assert found == pytest.approx(0.05**2 / (0.02 + 0.02))
+
+
 def test_what_presses_is_squeezed_too():
     """Rubber above is squeezed by four times as much as the body: a fifth is left of the part."""
     soft = RIGID.copy()
@@ -188,6 +194,32 @@ def test_a_roller_between_plates_is_judged(solved, tmp_path, turn, verdict):
     force = -run.history["resultant_n"]
     before = force[np.argmin(np.abs(run.history["time"] - 1.0))]
     assert (1 - before / force[-1] > share / 2) == bool(turn)
+
+
+HEATED = """include "scene.idp"
+units("mm", "MPa");
+border above(t = 0, pi) { x = 3.*cos(t); y = 2.*sin(t); label = 3; }
+border under(t = pi, 2*pi) { x = 3.*cos(t); y = 2.*sin(t); label = 1; }
+border hole(t = 2*pi, 0) { x = 0.6 + 0.7*cos(t); y = 0.2 + 0.7*sin(t); label = 5; }
+body = buildmesh(above(27) + under(27) + hole(13));
+macro young() 1000. //
+macro poisson() 0.3 //
+macro contact() 1, 3 //
+macro obstacle(x, y) (label == 1 ? y + 2. : 2. - y) //
+macro pointSpring() [3., 0., 1., 1.] //
+macro thermal1() (0.004*(1. + 0.1*x)) //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("element, cut", [("P1", "1"), ("P2", "3")])
+def test_what_temperature_presses_grows_by_that(solved, tmp_path, element, cut):
+    """An ellipse that touches two plates is squeezed by what it would grow by if it were free,
+    0.004 of its height, beside which a turn by 1e-4 is nothing; no place moves along the force.
+    """
+    (tmp_path / "heated.edp").write_text(HEATED)
+    entry = solved(tmp_path / "heated.edp", element=element, subdomains=cut).summary["validity"]
+    assert 0 < entry["largest_swelling"] < 1e-4 and entry["verdict"] == "ok"
 
 
 BELT = """include "scene.idp"
