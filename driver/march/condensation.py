@@ -137,9 +137,14 @@ class Condensation:
 
     @contextlib.contextmanager
     def refined(self):
-        """A block in which displacements are refined, as where stiffness jumps inside a body."""
+        """A block in which displacements are refined, as where stiffness jumps inside a body.
+
+        What has been eliminated stays so, unless bodies differ by as much as parts do then.
+        """
         op, known, elimination = self.operator, self.eliminated, self.elimination
-        op.uneven, self.eliminated, self.elimination = True, False, None
+        op.uneven = True
+        if op.bodies_differ:
+            self.eliminated, self.elimination = False, None
         try:
             yield
         finally:

@@ -70,8 +70,12 @@ class CondensedSearch:
         """As FixedPoint takes them."""
         self.qp, self.bodies, self.slip, self.condensation = qp, bodies, slip, condensation
         self.operator, self.rows = qp.operator, qp.rows
-        self.stiff = self.operator.jumps and not self.operator.contact_rows_only
         self._in_vain = None  # Load of the step that was searched for
+
+    @property
+    def stiff(self) -> bool:
+        """Whether products lack digits, so that contact rows are corrected by increments."""
+        return self.operator.jumps and not self.operator.contact_rows_only
 
     def solution(self, index: int, load: Load, x: np.ndarray, trace: Trace, rtol: float):
         """Multipliers near x that solve the step, their gradient and the rows that slide.

@@ -315,15 +315,17 @@ class QuasistaticSolver:
                     trace.contraction, residuals, moved, trace.refined), error
 
     def _settled(self, index: int, load: Load, start: tuple, trace: Trace) -> tuple:
-        """What `closure` settles: where it fails beside much stiffer bodies, anew to more digits.
+        """What `closure` settles: where it fails beside much stiffer bodies, or fails by little, as
+        of slender bodies, anew to more digits.
 
         Raises Unfinished.
         """
         place = self.fixed_point.place(load)
         try:
             return self.closure.settled(index, load, start, trace, self.solve)
-        except Unfinished:
-            if self.operator.uneven or not self.operator.bodies_differ or self.effects.closes:
+        except Unfinished as failed:
+            may_help = self.operator.bodies_differ or failed.near
+            if self.operator.uneven or not may_help or self.effects.closes:
                 raise  # tangents of laws have changed the load
         start = self.fixed_point.back(load, place, start)
         with self.condensation.refined():

@@ -128,13 +128,14 @@ class Unfinished(Exception):
     """A step fails with `error`; the latest multipliers `x` and their `gradient`.
 
     `final`: whatever their residuals say, they are no solution. `stagnated`: rounding ended a QP.
+    `near`: their residuals are so small that more digits may be all that is missing.
     """
 
     def __init__(self, error: DriverError, x: np.ndarray, gradient: np.ndarray,
-                 final: bool = False, stagnated: bool = False):
+                 final: bool = False, stagnated: bool = False, near: bool = False):
         super().__init__(str(error))
         self.error, self.x, self.gradient = error, x, gradient
-        self.final, self.stagnated = final, stagnated
+        self.final, self.stagnated, self.near = final, stagnated, near
 
 
 @dataclass

@@ -218,8 +218,10 @@ class Tightening:
             return None
         if stop or self._eliminates:  # or forces of bodies that nothing holds are rounding alone
             self.answer = self._without_forces(x) if self.operator.modes else None
+            if self.answer is None and isinstance(stop, NoSolution):
+                raise Unfinished(stop, x, gradient)
             if self.answer is None:
-                raise Unfinished(stop if isinstance(stop, NoSolution) else stays, x, gradient)
+                raise Unfinished(stays, x, gradient, near=self.nearest[2] <= ACCEPTABLE)
             return x, gradient, sliding
         self._eliminate(None)
         return x, gradient, sliding
