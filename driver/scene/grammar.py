@@ -143,20 +143,20 @@ def check(scene: Path) -> None:
     _check_end(files[0])
     _check_circles(files)
     names = {name for source in files for _, name in declared(source)}
+    numbers = {name for source in files for _, name in declared(source, r"(?:int|real)\s+(.*)")}
     for source in files:
         _check_brackets(source)
         _check_bodies(source)
         for definition in definitions(source):
-            if reason := _fault(definition, names):
+            if reason := _fault(definition, names, numbers):
                 raise InputError(f"{source.path.name} line {definition.line}: {reason}")
         _check_parameters(source)
         for line, name in declared(source):
-            if name in VOCABULARY:
-                raise InputError(f"{source.path.name} line {line}: the name '{name}' is the "
-                                 "library's own; choose another")
-            if name in BUILT_IN:
-                raise InputError(f"{source.path.name} line {line}: the name '{name}' is FreeFEM's "
-                                 "own, with which the library works; choose another")
+            if name in VOCABULARY or name in BUILT_IN:
+                whose = ("the library's own" if name in VOCABULARY
+                         else "FreeFEM's own, with which the library works")
+                raise InputError(f"{source.path.name} line {line}: the name '{name}' is {whose}; "
+                                 "choose another")
 
 
 def _check_places(source: Source) -> None:
@@ -260,8 +260,8 @@ def _check_bodies(source: Source) -> None:
                              "addBody(square(n, m, [x0 + a*x, y0 + b*y]))")
 
 
-def _fault(definition: Definition, names: set[str]) -> str:
-    """What is wrong with a macro; empty if nothing is seen to be. The scene declares `names`."""
+def _fault(definition: Definition, names: set[str], numbers: set[str]) -> str:
+    """What is wrong with a macro, "" for nothing; the scene declares `names`, some as `numbers`."""
     name, content = definition.name, definition.content
     if not definition.ended:
         return f"the macro {name} does not end: a macro ends with //"
@@ -287,7 +287,7 @@ def _fault(definition: Definition, names: set[str]) -> str:
         return f"the macro {name} is empty: it expects {macro.text}"
     if re.fullmatch(r"\[[\s,]*\]", content):
         return f"the list of {name} is empty: it expects {re.split('[:;]', macro.text)[0]}"
-    if macro.text.startswith("[") and re.fullmatch(r"[-+.,\d\s]+", content):
+    if macro.text.startswith("[") and re.fullmatch(r"[-+.,\w\s]+", content) and {*words} <= numbers:
         return f"{name} expects brackets around its numbers: macro {name}() [{content}] //"
     return _unbalanced(name, content)
 
@@ -348,14 +348,14 @@ def _check_parameters(source: Source) -> None:
                                  "meaning for the driver or FreeFEM; choose another")
 
 
-def declared(source: Source) -> list[tuple[int, str]]:
-    """Global names that a file declares, each with its line."""
+def declared(source: Source, pattern=DECLARATION) -> list[tuple[int, str]]:
+    """Global names that a file declares, in statements of a `pattern`, each with its line."""
     found, depth = [], 0
     for number, line in enumerate(source.lines, 1):
         code = without_texts(line)
         if depth == 0 and not MACRO.match(line):
             for statement in _without_nested(code).split(";"):
-                if declaration := DECLARATION.match(statement.strip()):
+                if declaration := re.match(pattern, statement.strip()):
                     found += [(number, name) for name in declared_names(declaration[1])]
         depth = max(0, depth + code.count("{") - code.count("}"))
     return found
