@@ -143,7 +143,8 @@ def check(scene: Path) -> None:
     _check_end(files[0])
     _check_circles(files)
     names = {name for source in files for _, name in declared(source)}
-    numbers = {name for source in files for _, name in declared(source, r"(?:int|real)\s+(.*)")}
+    numbers = {name for source in files for line in source.code for found in re.findall(
+        r"\b(?:int|real)\s+([^;]*)", line) for name in declared_names(found)}
     for source in files:
         _check_brackets(source)
         _check_bodies(source)
@@ -280,9 +281,8 @@ def _fault(definition: Definition, names: set[str], numbers: set[str]) -> str:
     wanted, given = (len(re.findall(r"\w+", words or ""))
                      for words in (macro.arguments, definition.arguments))
     if wanted != given and (given or wanted):
-        form = f"macro {name}({macro.arguments}) ... //"
         return (f"{name} has {wanted or 'no'} argument{'' if wanted == 1 else 's'}, not "
-                f"{given or 'none'}: {form}")
+                f"{given or 'none'}: macro {name}({macro.arguments}) ... //")
     if not content and not macro.text.startswith("any content"):
         return f"the macro {name} is empty: it expects {macro.text}"
     if re.fullmatch(r"\[[\s,]*\]", content):
@@ -348,14 +348,14 @@ def _check_parameters(source: Source) -> None:
                                  "meaning for the driver or FreeFEM; choose another")
 
 
-def declared(source: Source, pattern=DECLARATION) -> list[tuple[int, str]]:
-    """Global names that a file declares, in statements of a `pattern`, each with its line."""
+def declared(source: Source) -> list[tuple[int, str]]:
+    """Global names that a file declares, each with its line."""
     found, depth = [], 0
     for number, line in enumerate(source.lines, 1):
         code = without_texts(line)
         if depth == 0 and not MACRO.match(line):
             for statement in _without_nested(code).split(";"):
-                if declaration := re.match(pattern, statement.strip()):
+                if declaration := DECLARATION.match(statement.strip()):
                     found += [(number, name) for name in declared_names(declaration[1])]
         depth = max(0, depth + code.count("{") - code.count("}"))
     return found

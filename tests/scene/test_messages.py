@@ -938,6 +938,14 @@ def test_a_line_of_the_scene_is_said_once(tmp_path):
     assert explain.placed(once, path) == once
 
 
+def test_a_list_of_labels_may_be_a_variable(tmp_path):
+    (tmp_path / "mine.edp").write_text(SCENE.replace(
+        "macro friction", "int p = 3; int[int] p1 = [p, 1];\nmacro probeLabels() p1 //\n"
+                          "macro friction"))
+    assert "probeLabels() p1" in grammar.read(tmp_path / "mine.edp")
+    grammar.check(tmp_path / "mine.edp")
+
+
 def test_labels_that_are_names_are_said_to_be_none(said):
     message = said(("macro contact() 1 //", "border bottom(t=0, 1) { x = t; y = 0; }\n"
                                             "macro contact() bottom //"))
