@@ -929,12 +929,13 @@ def test_what_the_solver_says_of_an_option_has_no_line_of_the_scene(tmp_path):
     assert explain.placed(reason, path) == reason
 
 
-def test_a_line_of_the_scene_is_said_once(tmp_path):
+@pytest.mark.parametrize("name", ["mine.edp", "all mine.edp"])
+def test_a_line_of_the_scene_is_said_once(tmp_path, name):
     """A search for an accuracy ends with what one of its runs was refused for."""
-    path = tmp_path / "mine.edp"
+    path = tmp_path / name
     path.write_text(SCENE)
     once = explain.placed("contact on label 3 is not known", path)
-    assert re.match(r"mine.edp line \d+: contact on", once)
+    assert re.match(rf"{name} line \d+: contact on", once)
     assert explain.placed(once, path) == once
 
 
