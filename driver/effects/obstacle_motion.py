@@ -106,8 +106,9 @@ def _distance(phi: np.ndarray, slope: np.ndarray, nodes, times: np.ndarray) -> n
     """(T, n) distances along the nodes' normals to obstacles phi (T, n) of `slope` (T, n, 2).
 
     Beside an obstacle, where the line along the normal misses it, a distance that is too short to
-    be wrong. Raises InputError where it reaches a node from there, or touches one at the start:
-    then the sign of its function is reversed.
+    be wrong. Raises InputError where it reaches a node from there, or touches one at the start
+    though no node of the label is outside: then the sign of its function is reversed. A side that
+    leans away from the obstacle may end on it.
     """
     size = np.linalg.norm(slope, axis=-1)
     size = np.where(size > 0, size, 1.0)
@@ -115,8 +116,10 @@ def _distance(phi: np.ndarray, slope: np.ndarray, nodes, times: np.ndarray) -> n
     extent = np.ptp(nodes.xy, axis=0).max(initial=0.0)
     rounding = EVEN * extent * size
     behind = (facing < FACING) & (phi < -rounding)
-    behind[0] |= (facing[0] < -FACING) & (phi[0] <= rounding[0])
-    behind &= nodes.family == 0
+    rigid = nodes.family == 0
+    outside = np.isin(nodes.label, nodes.label[rigid & (phi[0] > rounding[0])])
+    behind[0] |= (facing[0] < -FACING) & (phi[0] <= rounding[0]) & ~outside
+    behind &= rigid
     if behind.any():
         k, node = np.argwhere(behind)[0]
         x, y = nodes.xy[node]

@@ -66,8 +66,13 @@ class Peaks:
 
     @property
     def by_support(self) -> bool:
-        """Whether no free place has the largest displacement."""
+        """Whether a support prescribes the largest displacement, or that of a node beside it."""
         return self.supported >= (1 - ROUNDING) * self.largest
+
+    @property
+    def is_free(self) -> bool:
+        """Whether a place that neither contact nor a support prescribes has the largest one."""
+        return self.free[:, SIZE].max(initial=0.0) >= (1 - ROUNDING) * self.largest
 
     def most(self, energy: float) -> float:
         """What the largest one may err by at most, beside the largest that is prescribed, with a
@@ -99,7 +104,8 @@ def exceeded(part: Part, value: float, pairs: list[tuple[Peaks, Peaks]], ratios:
         if part.error is not None:
             part = replace(part, error=part.error + pairs[0][0].between)
     unseen = any(each.by_support for pair in pairs for each in pair)
-    if unseen or part.error is not None and part.error <= AGREE * value:
+    agree = ROUNDING if pairs and pairs[0][0].is_free else AGREE
+    if unseen or part.error is not None and part.error <= agree * value:
         # that of a support or of an obstacle: no mesh tells when a place between moves by more
         part = located(part, UNSEEN * value)
         if pairs and pairs[0][0].by_support:

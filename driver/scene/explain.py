@@ -73,7 +73,8 @@ def placed(reason: str, scene: Path) -> str:
     It speaks of a contactPair as of a contact pair. What it says of an option has none, and what
     begins with a line of another run of the scene keeps that.
     """
-    if re.match(r"[A-Z_]+\b|\S+ line \d+: ", reason):
+    files = "|".join(re.escape(source.path.name) for source in grammar.sources(scene))
+    if re.match(rf"[A-Z_]+\b|({files}) line \d+: ", reason):
         return reason
     named, fault = [], reason.split(": add ")[0]  # the rest is the remedy
     for source in grammar.sources(scene):

@@ -143,20 +143,21 @@ def check(scene: Path) -> None:
     _check_end(files[0])
     _check_circles(files)
     names = {name for source in files for _, name in declared(source)}
+    numbers = {name for source in files for line in source.code for found in re.findall(
+        r"\b(?:int|real)\s+([^;]*)", line) for name in declared_names(found)}
     for source in files:
         _check_brackets(source)
         _check_bodies(source)
         for definition in definitions(source):
-            if reason := _fault(definition, names):
+            if reason := _fault(definition, names, numbers):
                 raise InputError(f"{source.path.name} line {definition.line}: {reason}")
         _check_parameters(source)
         for line, name in declared(source):
-            if name in VOCABULARY:
-                raise InputError(f"{source.path.name} line {line}: the name '{name}' is the "
-                                 "library's own; choose another")
-            if name in BUILT_IN:
-                raise InputError(f"{source.path.name} line {line}: the name '{name}' is FreeFEM's "
-                                 "own, with which the library works; choose another")
+            if name in VOCABULARY or name in BUILT_IN:
+                whose = ("the library's own" if name in VOCABULARY
+                         else "FreeFEM's own, with which the library works")
+                raise InputError(f"{source.path.name} line {line}: the name '{name}' is {whose}; "
+                                 "choose another")
 
 
 def _check_places(source: Source) -> None:
@@ -260,8 +261,8 @@ def _check_bodies(source: Source) -> None:
                              "addBody(square(n, m, [x0 + a*x, y0 + b*y]))")
 
 
-def _fault(definition: Definition, names: set[str]) -> str:
-    """What is wrong with a macro; empty if nothing is seen to be. The scene declares `names`."""
+def _fault(definition: Definition, names: set[str], numbers: set[str]) -> str:
+    """What is wrong with a macro, "" for nothing; the scene declares `names`, some as `numbers`."""
     name, content = definition.name, definition.content
     if not definition.ended:
         return f"the macro {name} does not end: a macro ends with //"
@@ -280,14 +281,13 @@ def _fault(definition: Definition, names: set[str]) -> str:
     wanted, given = (len(re.findall(r"\w+", words or ""))
                      for words in (macro.arguments, definition.arguments))
     if wanted != given and (given or wanted):
-        form = f"macro {name}({macro.arguments}) ... //"
         return (f"{name} has {wanted or 'no'} argument{'' if wanted == 1 else 's'}, not "
-                f"{given or 'none'}: {form}")
+                f"{given or 'none'}: macro {name}({macro.arguments}) ... //")
     if not content and not macro.text.startswith("any content"):
         return f"the macro {name} is empty: it expects {macro.text}"
     if re.fullmatch(r"\[[\s,]*\]", content):
         return f"the list of {name} is empty: it expects {re.split('[:;]', macro.text)[0]}"
-    if macro.text.startswith("[") and re.fullmatch(r"[-+.,\d\s]+", content):
+    if macro.text.startswith("[") and re.fullmatch(r"[-+.,\w\s]+", content) and {*words} <= numbers:
         return f"{name} expects brackets around its numbers: macro {name}() [{content}] //"
     return _unbalanced(name, content)
 

@@ -68,6 +68,15 @@ def test_a_function_of_reversed_sign_is_refused_where_the_body_touches_at_the_st
         obstacle_motion._distance(phi, np.tile([0.0, -1.0], (3, 2, 1)), at, TIMES)
 
 
+def test_a_side_that_leans_away_from_a_moving_obstacle_may_end_on_it():
+    """A block that is widest at its foot, with its sides as contact: that is no reversed sign."""
+    at = nodes([[0, 0], [1, 0], [1, 0], [0.5, 1]], [[0, -1], [0, -1], [0.8, 0.6], [0.8, 0.6]])
+    phi = np.tile([0.0, 0.0, 0.0, 1.0], (3, 1))
+    found = obstacle_motion._distance(phi, np.tile([0.0, 1.0], (3, 4, 1)), at, TIMES)
+    np.testing.assert_array_equal(found[:, :3], 0.0)
+    assert (found[:, 3] >= 1.0).all()
+
+
 def test_even_obstacles_slide_along_their_labels_and_others_do_not():
     """Rounding of places is no unevenness; nor are steps from label to label, at whose common
     vertex the mean stands.

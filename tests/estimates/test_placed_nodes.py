@@ -155,6 +155,14 @@ def test_a_bulge_may_exceed_what_an_obstacle_prescribes(error, claimed):
     assert found.error == pytest.approx(claimed)
 
 
+@pytest.mark.parametrize("error", [1e-8, 1e-6, 1e-3])
+def test_a_free_place_that_has_the_largest_displacement_is_claimed_as_meshes_agree(error):
+    """Fine meshes of quadratic elements do so to a millionth: no obstacle prescribes it."""
+    tip = mesh((9.0, 3.0))
+    found = exceeded(Part(error), 3.0, [(tip, tip), (tip, tip)], [2.0, 2.0], 2.0)
+    assert found.error == pytest.approx(error)
+
+
 def test_prices_of_a_displacement_are_no_better_than_what_no_mesh_tells():
     """A price list of one that a support prescribes promises nothing below, on any kind of mesh.
     """

@@ -290,6 +290,8 @@ def test_names_of_freefem_are_what_the_library_has_undeclared():
     ("rectangle(0., 2., 0., 1.);", "body = square(2, 2); rotate(30.);", "turn meshes by movemesh"),
     ("friction() F //", "friction() F // \nmacro probeLabels() 3, 4 //",
      "expects brackets around its numbers: macro probeLabels() [3, 4] //"),
+    ("friction() F //", "friction() F // \nmacro probeLabels() F //",  # so many zeros
+     "expects brackets around its numbers: macro probeLabels() [F] //"),
     ("rectangle(0., 2., 0., 1.);", "int[int] up = [1, 2, 3]; body = square(2, 2, label = up);",
      "up has 3 labels, but a square has four sides"),
     ("u1 = 0., u2", "ux = 0., u2", "displacements are u1, u2, along x, y or r, z"),
@@ -938,13 +940,22 @@ def test_what_the_solver_says_of_an_option_has_no_line_of_the_scene(tmp_path):
     assert explain.placed(reason, path) == reason
 
 
-def test_a_line_of_the_scene_is_said_once(tmp_path):
+@pytest.mark.parametrize("name", ["mine.edp", "all mine.edp"])
+def test_a_line_of_the_scene_is_said_once(tmp_path, name):
     """A search for an accuracy ends with what one of its runs was refused for."""
-    path = tmp_path / "mine.edp"
+    path = tmp_path / name
     path.write_text(SCENE)
     once = explain.placed("contact on label 3 is not known", path)
-    assert re.match(r"mine.edp line \d+: contact on", once)
+    assert re.match(rf"{name} line \d+: contact on", once)
     assert explain.placed(once, path) == once
+
+
+def test_a_list_of_labels_may_be_a_variable(tmp_path):
+    (tmp_path / "mine.edp").write_text(SCENE.replace(
+        "macro friction", "int p = 3; int[int] p1 = [p, 1];\nmacro probeLabels() p1 //\n"
+                          "macro friction"))
+    assert "probeLabels() p1" in grammar.read(tmp_path / "mine.edp")
+    grammar.check(tmp_path / "mine.edp")
 
 
 def test_labels_that_are_names_are_said_to_be_none(said):
