@@ -109,9 +109,7 @@ class Validity:
         self._check_overlaps(step, place, moved, passed[self.boundary.paired].max(initial=0.0))
 
     def _check_deformation(self, step, fields) -> float:
-        """Strains and rotations of all triangles, those that supports prescribe to bodies included;
-        what SmallStrains.left_out says.
-        """
+        """Strains and rotations of triangles, prescribed ones included; SmallStrains.left_out."""
         travel, subs = self.structure.travel, self.structure.subdomains
         turned = travel.of(step.weights)[:, 2] / travel.bodies.size
         limits = np.array([[of[name] for of in (QUESTIONABLE, INVALID)] for name in MEASURES])
@@ -124,6 +122,7 @@ class Validity:
         beyond, areas = self.comm.allreduce(found.beyond), self.comm.allreduce(found.areas)
         whole, turns = (np.bincount(self.member, values, self.member.max() + 1)
                         for values in (areas, self.comm.allreduce(found.turns)))
+        self.grown = swelling.expansions(self.problem, self.member, step.weights)
         self.turns, whole = turns / np.where(whole > 0, whole, 1.0), whole[self.member]
         for m, name in enumerate(MEASURES):
             for g in (0, 1):
@@ -199,9 +198,9 @@ class Validity:
         structure, manifest = self.structure, self.problem.manifest
         if manifest.axisymmetric:  # whose sections are held by their hoops
             return
-        met = swelling.holders(structure, manifest, self.member, self.body, step.weights, self.comm)
-        for value, nodes, more, place in swelling.of_bodies(self.boundary, state, moved, self.body,
-                                                            self.turns, *met):
+        partners, free = swelling.holders(structure, manifest, self.member, self.body)
+        for value, nodes, more, place in swelling.of_bodies(
+                self.boundary, state, moved, self.body, self.turns, partners, free, self.grown):
             felt = FELT * change.of_nodes(nodes) if change else np.inf
             self.note("largest_swelling", min(value, felt), place, step.index, **more)
 

@@ -20,10 +20,10 @@ ALONG = 0.1  # part of a rigid motion along a direction, above which it gives wa
 JOINTS = {"tie", "periodic"}  # may hold a body that has no support
 
 
-def holders(structure, manifest, member: np.ndarray, body: np.ndarray, weights: np.ndarray,
-            comm) -> tuple[dict[int, list[int]], dict[int, list], np.ndarray | None]:
-    """`partners`, `free` and `grown` of `of_bodies`; `member` (total,) and `body` (nodes,): numbers
-    of the bodies of all subdomains and nodes, `weights` (patterns,) of the step. Collective.
+def holders(structure, manifest, member: np.ndarray,
+            body: np.ndarray) -> tuple[dict[int, list[int]], dict[int, list]]:
+    """`partners` and `free` of `of_bodies`; `member` (total,) and `body` (nodes,): numbers of the
+    bodies of all subdomains and nodes.
     """
     edges, partners, free = structure.outer_edges, {}, {}
     for one, two in manifest.contact_pairs:
@@ -31,8 +31,27 @@ def holders(structure, manifest, member: np.ndarray, body: np.ndarray, weights: 
             np.unique(body[edges[edges[:, 2] == two, 0]]).tolist())
     for mode in () if JOINTS & set(manifest.rooms) else structure.rigid_modes:
         free.setdefault(int(member[mode.members[0]]), []).append(mode)
-    warm = "thermal_strain" in manifest.rooms
-    return partners, free, _expansions(structure, member, weights, comm) if warm else None
+    return partners, free
+
+
+def expansions(problem, member: np.ndarray, weights: np.ndarray) -> np.ndarray | None:
+    """(bodies,) by which part of their length bodies would grow by their temperature if nothing
+    held them, on the mean, None without thermal strains; `member` as above, `weights` (patterns,)
+    of the step. Collective.
+    """
+    if "thermal_strain" not in problem.manifest.rooms:
+        return None
+    structure, comm = problem.operator.structure, problem.operator.comm
+    sums = np.zeros((2, structure.total))
+    for sub in structure.subdomains:
+        area = elements.areas(sub.corner)
+        sums[0, sub.index] = area.sum()
+        for pattern, suppressed in sub.thermal.items():
+            stress = suppressed if suppressed.ndim == 2 else suppressed.mean(axis=1)
+            strain = np.linalg.solve(sub.elasticity, stress[..., None])[..., 0]
+            sums[1, sub.index] += weights[pattern] * (area @ strain[:, :2].mean(axis=1))
+    area, grown = (np.bincount(member, values) for values in comm.allreduce(sums))
+    return grown / np.where(area > 0, area, 1.0)
 
 
 def of_bodies(boundary, state: dict, moved: np.ndarray, body: np.ndarray, turns: np.ndarray,
@@ -46,7 +65,7 @@ def of_bodies(boundary, state: dict, moved: np.ndarray, body: np.ndarray, turns:
     numbers of the nodes' bodies, `turns` (bodies,) their mean rotations, `partners` the bodies that
     each first label of pairs meets. Of a label that meets several bodies these are left out.
     `free`: of bodies without full support, the RigidModes that nothing but contact holds. `grown`
-    (bodies,): by which part of their length their temperature makes them longer, None: by nothing.
+    (bodies,) as `expansions` has it.
     """
     closed = np.flatnonzero(state[ContactField.STATUS] != OPEN)
     own, label = body[boundary.gid[closed]], boundary.label[closed].tolist()
@@ -118,22 +137,6 @@ class _Sides:
 def _direction(force: np.ndarray) -> np.ndarray:
     """(2,) along which most of the forces (n, 2) act."""
     return np.linalg.eigh(force.T @ force)[1][:, -1]
-
-
-def _expansions(structure, member: np.ndarray, weights: np.ndarray, comm) -> np.ndarray:
-    """(bodies,) by which part of their length bodies would grow by their temperature if nothing
-    held them, on the mean; `member` as above, `weights` (patterns,) of the step. Collective.
-    """
-    sums = np.zeros((2, structure.total))
-    for sub in structure.subdomains:
-        area = elements.areas(sub.corner)
-        sums[0, sub.index] = area.sum()
-        for pattern, suppressed in sub.thermal.items():
-            stress = suppressed if suppressed.ndim == 2 else suppressed.mean(axis=1)
-            strain = np.linalg.solve(sub.elasticity, stress[..., None])[..., 0]
-            sums[1, sub.index] += weights[pattern] * (area @ strain[:, :2].mean(axis=1))
-    area, grown = (np.bincount(member, values) for values in comm.allreduce(sums))
-    return grown / np.where(area > 0, area, 1.0)
 
 
 def share(xy: np.ndarray, u: np.ndarray, force: np.ndarray, turn: float, beside: float,
