@@ -10,6 +10,7 @@ the obstacle's surface. See Wriggers, Computational Contact Mechanics (2006), 4.
 Mechanics (1985), 8.1, for creepage.
 """
 
+import functools
 from collections.abc import Callable
 
 import numpy as np
@@ -41,8 +42,8 @@ class Room(Effect):
         A side that the obstacle moves along, at a right angle to it but for rounding, keeps its
         own. Decided for whole nodes: of the parts that make one some may face and others not.
         """
-        slope = np.array([[columns[f"phi_{c}@{k}"] for c in "xy"]
-                          for k in range(self.manifest.steps + 1)])  # (T, 2, n)
+        slope = np.stack([self._history(columns, name, len(normal))
+                          for name in ("phi_x", "phi_y")], axis=1)  # (T, 2, n)
         size, first = np.linalg.norm(slope, axis=1), slope[0]
         turn = first[0] * slope[:, 1] - first[1] * slope[:, 0]
         same = (np.abs(turn) <= STEADY * size[0] * size) & ((first * slope).sum(axis=1) > 0)
@@ -50,16 +51,17 @@ class Room(Effect):
         length = -columns.get("ring", 1.0) / np.where(size[0] > 0, size[0], 1.0)
         return np.where(faces & same.all(axis=0), first * length, np.nan).T
 
+    def _history(self, columns: dict[str, np.ndarray], name: str, count: int) -> np.ndarray:
+        """(T, count) of a column at every time, zero where the scene gives none."""
+        known = f"{name}@0" in columns
+        return np.array([columns[f"{name}@{k}"] if known else np.zeros(count)
+                         for k in range(self.manifest.steps + 1)])
+
     def motion(self, nodes, distance: np.ndarray) -> ObstacleMotion:
         """Distances and motions at `nodes` (contact/nodes.py); see Effect. Raises InputError."""
         columns, count, steps = nodes.columns, len(nodes.gid), self.manifest.steps
         times = np.linspace(0, self.manifest.t_end, steps + 1)
-
-        def history(name: str) -> np.ndarray:
-            known = f"{name}@0" in columns
-            return np.array([columns[f"{name}@{k}"] if known else np.zeros(count)
-                             for k in range(steps + 1)])
-
+        history = functools.partial(self._history, columns, count=count)
         shift = np.stack([history("obstacle_x"), history("obstacle_y")], axis=-1)
         pivot = np.column_stack([columns.get(name, np.zeros(count))
                                  for name in ("pivot_x", "pivot_y")])

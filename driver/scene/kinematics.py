@@ -46,9 +46,12 @@ def stresses(sub: Subdomain, u: np.ndarray, weights: np.ndarray) -> np.ndarray:
     `weights` (patterns,) are the factors of the load patterns: the stress that thermal strains
     would cause if they were suppressed is subtracted.
     """
-    thermal = {k: part if part.ndim == 2 else part.mean(axis=1)
-               for k, part in sub.thermal.items()}
-    return _stresses(strains(sub, u), sub.elasticity, sub.sigma_zz, thermal, weights)
+    return _stresses(strains(sub, u), sub.elasticity, sub.sigma_zz, mean_thermal(sub), weights)
+
+
+def mean_thermal(sub: Subdomain) -> dict[int, np.ndarray]:
+    """By pattern (n_t, 3 or 4) triangles' means of the stresses of suppressed thermal strains."""
+    return {k: part if part.ndim == 2 else part.mean(axis=1) for k, part in sub.thermal.items()}
 
 
 def corner_stresses(sub: Subdomain, u: np.ndarray, weights: np.ndarray,

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..contact.states import OPEN, ContactField
 from ..scene import elements
+from ..scene.kinematics import mean_thermal
 from ..vectors import turned_left
 
 OPPOSED = 0.1  # of the forces from one side, up to which those from the other do not hold a body
@@ -46,9 +47,8 @@ def expansions(problem, member: np.ndarray, weights: np.ndarray) -> np.ndarray |
     for sub in structure.subdomains:
         area = elements.areas(sub.corner)
         sums[0, sub.index] = area.sum()
-        for pattern, suppressed in sub.thermal.items():
-            stress = suppressed if suppressed.ndim == 2 else suppressed.mean(axis=1)
-            strain = np.linalg.solve(sub.elasticity, stress[..., None])[..., 0]
+        for pattern, suppressed in mean_thermal(sub).items():
+            strain = np.linalg.solve(sub.elasticity, suppressed[..., None])[..., 0]
             sums[1, sub.index] += weights[pattern] * (area @ strain[:, :2].mean(axis=1))
     area, grown = (np.bincount(member, values) for values in comm.allreduce(sums))
     return grown / np.where(area > 0, area, 1.0)
