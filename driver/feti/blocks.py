@@ -8,12 +8,29 @@ A member's result must not depend on which other members a rank has, not even in
 may round differently for different shapes, so these are fixed: shared blocks are taken BLOCK
 members at a time, padded shapes follow from the block alone, and whether a block is shared is the
 same on every rank (`LocalClass.shared`).
+
+Symmetric blocks of their own that are large wait for memory in products: they are kept and read by
+half.
 """
 
 import numpy as np
 
+from .halves import Half
+
 BLOCK = 4  # members per dense product with a shared block
 STEP = 4  # padded sizes are multiples of this
+LARGE = 100  # rows from which a call for a half takes less time than a padded product
+
+
+def halved(matrix: np.ndarray | Half, shared: bool) -> np.ndarray | Half:
+    """A symmetric `matrix` (m, m) as BlockDiagonal keeps it best, `shared` by members or not."""
+    stays = shared or len(matrix) < LARGE or isinstance(matrix, Half)
+    return matrix if stays else Half(matrix)
+
+
+def whole(kept: np.ndarray | Half) -> np.ndarray:
+    """(m, m) all of a matrix that may be kept by half."""
+    return kept.whole() if isinstance(kept, Half) else kept
 
 
 class BlockDiagonal:
@@ -22,17 +39,19 @@ class BlockDiagonal:
     `blocks` are the matrices of the classes as they are kept here.
     """
 
-    def __init__(self, classes: list, matrices: list[np.ndarray], source: str, target: str):
+    def __init__(self, classes: list, matrices: list[np.ndarray | Half], source: str, target: str):
         """`matrices` (m, n) of every class; `source`, `target` name its slices of x and y."""
         self.shared = [(len(c.members), getattr(c, source), getattr(c, target), M)
                        for c, M in zip(classes, matrices) if c.shared and M.size]
+        self.halves = [(M, first, place) for c, M in zip(classes, matrices) if isinstance(M, Half)
+                       for first, place in _places(c, [len(M)] * 2, source, target)]
         alone, first = {}, {}
         for k, (c, M) in enumerate(zip(classes, matrices)):
-            if not c.shared and M.size:
+            if not (c.shared or isinstance(M, Half)) and M.size:
                 padded = tuple(-(-size // STEP) * STEP for size in M.shape)
                 members = alone.setdefault(padded, [])
                 first[k] = padded, len(members)
-                members += _members(c, M, source, target)
+                members += [(*at, M) for at in _places(c, M.shape, source, target)]
         kept = {shape: _Padded(shape, members) for shape, members in sorted(alone.items())}
         self.padded, self.blocks = list(kept.values()), list(matrices)
         for k, (shape, place) in first.items():
@@ -41,7 +60,10 @@ class BlockDiagonal:
 
     def put(self, k: int, matrix: np.ndarray) -> None:
         """Replace the block of class k, which is not shared, by one of the same shape."""
-        self.blocks[k][...] = matrix
+        if isinstance(self.blocks[k], Half):
+            self.blocks[k].replace(matrix)
+        else:
+            self.blocks[k][...] = matrix
 
     def multiply(self, x: np.ndarray, y: np.ndarray, add: bool = False) -> None:
         """Overwrite y, or add to it. Blocks without rows or columns leave y as it is."""
@@ -53,12 +75,16 @@ class BlockDiagonal:
                 blocked(rows, M, out)
         for batch in self.padded:
             batch.multiply(x, y, add)
+        for half, first, target in self.halves:
+            if not add:
+                y[target : target + len(half)] = 0.0
+            half.add_product(x, first, y, target)
 
 
-def _members(c, M: np.ndarray, source: str, target: str) -> list[tuple]:
-    """(first entry in x, first entry in y, matrix) of every member of a class, in their order."""
-    (m, n), x, y = M.shape, getattr(c, source).start, getattr(c, target).start
-    return [(x + k * m, y + k * n, M) for k in range(len(c.members))]
+def _places(c, shape, source: str, target: str) -> list[tuple[int, int]]:
+    """First entries in x and y of every member of a class, in their order."""
+    x, y = getattr(c, source).start, getattr(c, target).start
+    return [(x + k * shape[0], y + k * shape[1]) for k in range(len(c.members))]
 
 
 class _Padded:

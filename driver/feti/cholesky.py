@@ -24,9 +24,9 @@ from scipy.sparse.csgraph import connected_components
 
 from ..errors import NoSolution
 from ..scene.symmetric import Symmetric
+from .halves import Half
 
 cholmod.options.update(supernodal=2, nmethods=1)  # L L'; the given order and no other
-AT_A_TIME = 256  # rows that are mirrored: without copies of a large triangle
 SINGULAR = ("stiffness is not positive definite to rounding, which no cut can cause: check whether "
             "the material varies by many orders of magnitude and triangles are next to degenerate")
 
@@ -56,7 +56,7 @@ class Interior:
         self.place = _places(order, len(free))  # (dofs,) places in L, -1 where there is none
         schur = _product(L, self.inner)
         schur[np.diag_indices_from(schur)] -= added[of_rim]
-        self._schur = packed(schur)
+        self._schur = Half(schur)
         first = _blocks(L, self.inner)
         del L, schur  # before the blocks are copied
         self.columns = _FirstColumns(2 * len(first[0]) - 2, first)
@@ -69,7 +69,7 @@ class Interior:
     def schur(self, dofs: np.ndarray) -> np.ndarray:
         """S (n, n) on some dofs of the rim. It is handed out once, and not kept."""
         place = self.place[dofs] - self.inner
-        S, self._schur = mirrored(unpacked(self._schur)), None
+        S, self._schur = self._schur.whole(), None
         return S[np.ix_(place, place)]
 
 
@@ -214,29 +214,6 @@ def _upper(start: np.ndarray, row: np.ndarray, values: np.ndarray) -> PETSc.Mat:
     order = PETSc.IS().createStride(size, first=0, step=1, comm=PETSc.COMM_SELF)
     mat.factorILU(order, order)
     return mat
-
-
-def mirrored(matrix: np.ndarray) -> np.ndarray:
-    """`matrix` (n, n), of which the lower triangle counts, made symmetric in place."""
-    for first in range(0, len(matrix), AT_A_TIME):
-        here, beyond = slice(first, first + AT_A_TIME), slice(first + AT_A_TIME, None)
-        lower = np.tril(matrix[here, here])
-        matrix[here, here] = lower + np.tril(lower, -1).T
-        matrix[here, beyond] = matrix[beyond, here].T
-    return matrix
-
-
-def packed(matrix: np.ndarray) -> np.ndarray | None:
-    """The lower triangle (n, n) in LAPACK's rectangular full packed format; None without rows."""
-    return lapack.dtrttf(matrix, uplo="L")[0] if len(matrix) else None
-
-
-def unpacked(packed_: np.ndarray | None) -> np.ndarray:
-    """(n, n) with the lower triangle that was `packed`; what is above it counts for nothing."""
-    if packed_ is None:
-        return np.empty((0, 0))
-    size = int(np.sqrt(2 * len(packed_)))  # of which n (n + 1) / 2 is half
-    return lapack.dtfttr(size, packed_, uplo="L")[0]
 
 
 def _places(order: np.ndarray, size: int) -> np.ndarray:

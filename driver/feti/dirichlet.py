@@ -14,8 +14,8 @@ subdomain of a row takes its share D_i of it, by its weight in B_D: S_i gives wa
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, lapack
 
-from .blocks import BlockDiagonal
-from .cholesky import mirrored
+from .blocks import BlockDiagonal, Half, halved, whole
+from .halves import mirrored
 from .reduction import LocalClass
 
 DEPENDENT = 1e-9  # relative eigenvalues of a local F: rows below depend on one another
@@ -24,7 +24,7 @@ FLOOR = 0.01  # of a released corner's stiffness: holds a subdomain with all cor
 
 
 class DirichletPreconditioner:
-    """M on the faces of a DualOperator's dual vectors; `schur` are the S_i of its classes."""
+    """M on the faces of a DualOperator's dual vectors."""
 
     def __init__(self, operator):
         self.vectors, self.classes = operator.vectors, operator.classes
@@ -34,9 +34,8 @@ class DirichletPreconditioner:
             inverted = _kept
         elif operator.modes or structure.contact.coupled.any():
             inverted = _released
-        schur = [inverted(c) for c in operator.classes]
+        schur = [halved(inverted(c), c.shared) for c in operator.classes]
         self.blocks = BlockDiagonal(operator.classes, schur, "rows", "rows")
-        self.schur = self.blocks.blocks
         self.softened: dict[tuple[int, int], _Softened] = {}  # by class and member
 
     def soften(self, softness: np.ndarray) -> None:
@@ -44,12 +43,20 @@ class DirichletPreconditioner:
         vectors, self.softened = self.vectors, {}
         share = np.abs(vectors.scaling)  # of a row, which sum up to its own, above zero
         own = share / vectors.gather(vectors.assemble(share)) * vectors.gather(softness)
-        for number, (c, S) in enumerate(zip(self.classes, self.schur)):
+        for number, (c, kept) in enumerate(zip(self.classes, self.blocks.blocks)):
             for k, _ in enumerate(c.members):
-                rows = slice(c.rows.start + k * len(S), c.rows.start + (k + 1) * len(S))
+                rows = slice(c.rows.start + k * len(kept), c.rows.start + (k + 1) * len(kept))
+                if not own[rows].any():
+                    continue
+                S = whole(kept)
                 here = np.flatnonzero(own[rows] * np.diag(S) > YIELDS)
                 if len(here):
                     self.softened[number, k] = _Softened(S, rows, here, own[rows][here])
+
+    @property
+    def schur(self):
+        """The S_i (m, m) of all classes, one after the other."""
+        return map(whole, self.blocks.blocks)
 
     def __call__(self, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
         """M residual on the face `free`, zero elsewhere."""
@@ -78,22 +85,22 @@ class _Softened:
         return self.S @ cho_solve(self._factor, forces[self.here], check_finite=False)
 
 
-def _kept(c: LocalClass) -> np.ndarray:
+def _kept(c: LocalClass) -> np.ndarray | Half:
     """`_released` once for all rows of a class: other classes' may change."""
     if c.schur is None:
-        c.schur = _released(c)
+        c.schur = halved(_released(c), c.shared)
     return c.schur
 
 
 def _schur(c: LocalClass) -> np.ndarray:
     """(m, m) stiffness of one subdomain in its rows' displacements."""
-    torn = np.diff(c.B_c.indptr) == 0
-    inverse = _inverse(c.F if torn.all() else c.F[np.ix_(torn, torn)])
+    torn, F = np.diff(c.B_c.indptr) == 0, c.F
+    inverse = _inverse(F if torn.all() else F[np.ix_(torn, torn)])
     if torn.all():
         return inverse
     B_c = c.B_c.toarray()[~torn]
     moved = c.A[torn] @ B_c.T  # v_b - A v_c
-    forces, schur = inverse @ moved, np.empty(c.F.shape)
+    forces, schur = inverse @ moved, np.empty(F.shape)
     schur[np.ix_(torn, torn)] = inverse
     schur[np.ix_(torn, ~torn)], schur[np.ix_(~torn, torn)] = -forces, -forces.T
     schur[np.ix_(~torn, ~torn)] = moved.T @ forces + B_c @ c.S @ B_c.T

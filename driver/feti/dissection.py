@@ -18,9 +18,10 @@ from scipy.linalg import lapack
 
 from ..errors import NoSolution, agree
 from .blocks import STEP
-from .cholesky import SINGULAR, mirrored
+from .cholesky import SINGULAR
 from .exchange import Route, exchange
 from .gathering import gather, joined
+from .halves import mirrored
 
 GROUP = 32  # at most so many subdomains make a group
 

@@ -31,11 +31,11 @@ import numpy as np
 from scipy.linalg import blas, lapack, solve_triangular
 
 from ..errors import NotConverged, agree
-from .cholesky import mirrored
 from .dissection import halved, middles
 from .elimination_tree import EliminationTree
 from .exchange import Handover, exchanged
 from .gathering import gather, joined
+from .halves import Half, mirrored
 from .operator import DualOperator
 from .rows import contact_row_numbers
 
@@ -258,7 +258,7 @@ class GluingElimination:
                 rest = self._eliminated_front(front, index, columns, rest, places)
             except NotConverged as problem:  # what waits for this front must not wait for ever
                 error, rest = problem, np.full([len(index) - count] * 2, np.nan)
-            way.give(front, self._owner[tree.parent[front]], index[count:], rest)
+            way.give(front, self._owner[tree.parent[front]], index[count:], Half(rest).entries)
             del columns, rest
         way.finish()
         agree(comm, error)
@@ -268,10 +268,12 @@ class GluingElimination:
         self._pivots = gather(comm, self._own_pivots)
         self._compliance = mirrored(C)
 
-    def _left(self, way: Handover, child: int) -> tuple[np.ndarray, np.ndarray]:
-        """Index and matrix that the front `child` leaves."""
+    def _left(self, way: Handover, child: int) -> tuple:
+        """Index of the matrix that the front `child` leaves, and what makes its lower triangle."""
         size = self._tree.fronts[child].size - self._tree.fronts[child].pivots
-        return way.taken(child, self._owner[child], np.empty(size, int), np.empty((size, size)))
+        index, entries = way.taken(child, self._owner[child], np.empty(size, int),
+                                   np.empty(size * (size + 1) // 2))
+        return index, Half.of(size, entries).lower
 
     def _eliminated_front(self, front: int, index: np.ndarray, columns: np.ndarray,
                           rest: np.ndarray, places: dict[int, np.ndarray]) -> np.ndarray:

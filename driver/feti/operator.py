@@ -26,7 +26,7 @@ import numpy as np
 from ..environment import give_back_memory, heed_lost_interrupt
 from ..errors import NoSolution, agree
 from . import free_motions
-from .blocks import BlockDiagonal
+from .blocks import BlockDiagonal, halved
 from .coarse import CoarseProblem
 from .dirichlet import DirichletPreconditioner
 from .dual_problem import DualProblem
@@ -90,9 +90,9 @@ class DualOperator(DualProblem):
         """Local rows of all classes, and products with their matrices."""
         stack(self.classes)
         self.vectors = DualVectors(self.structure, self.classes, self.comm)
-        self._F = BlockDiagonal(self.classes, [c.F for c in self.classes], "rows", "rows")
+        self._F = BlockDiagonal(self.classes, [c.F_kept for c in self.classes], "rows", "rows")
         for c, block in zip(self.classes, self._F.blocks):
-            c.F = block  # where the product keeps it, and not once more
+            c.F_kept = block  # where the product keeps it, and not once more
         self._A = BlockDiagonal(self.classes, [c.A for c in self.classes], "rows", "corners")
         transposed = [c.A_transposed for c in self.classes]
         self._A_transposed = BlockDiagonal(self.classes, transposed, "corners", "rows")
@@ -124,7 +124,7 @@ class DualOperator(DualProblem):
             F, c.A = renew_rows(structure, c)
             c.A_transposed = np.ascontiguousarray(c.A.T)
             if contact.paired.any():
-                c.F = F
+                c.F_kept = halved(F, c.shared)
             else:
                 for blocks, matrix in ((self._F, F), (self._A, c.A),
                                        (self._A_transposed, c.A_transposed)):
@@ -276,7 +276,7 @@ class DualOperator(DualProblem):
 
     def load(self) -> dict[str, int]:
         """What a product takes of this rank: multiplications, and messages that it receives."""
-        local = sum(len(c.members) * (c.F.size + 2 * c.A.size) for c in self.classes)
+        local = sum(len(c.members) * (len(c.A) ** 2 + 2 * c.A.size) for c in self.classes)
         return {"work": local + self.coarse.work,
                 "messages": 2 * self.vectors.neighbours + self.coarse.messages}
 

@@ -12,7 +12,7 @@ from scipy.sparse import coo_matrix
 
 from ..scene.loader import Subdomain
 from ..scene.symmetric import Symmetric
-from .blocks import BLOCK
+from .blocks import BLOCK, Half, halved, whole
 from .cholesky import Interior
 from .exchange import exchange
 from .gathering import joined
@@ -42,17 +42,22 @@ class LocalClass:
     B_r: np.ndarray  # (m, n_r) sparse
     B_c: np.ndarray  # (m, n_c) sparse
     K_rc: np.ndarray  # (n_r, n_c) sparse
-    F: np.ndarray  # (m, m) B_r K_rr^-1 B_r'
+    F_kept: np.ndarray | Half  # (m, m) F = B_r K_rr^-1 B_r'
     A: np.ndarray  # (m, n_c)
     S: np.ndarray  # (n_c, n_c) local part of S_cc
     shared: bool  # BLOCK members or more on all ranks together
     kept: "Kept | None" = None  # of a subdomain whose contact rows may change
     rows: slice | None = None
     corners: slice | None = None
-    schur: np.ndarray | None = None  # of the Dirichlet preconditioner, once for all rows
+    schur: np.ndarray | Half | None = None  # of the Dirichlet preconditioner, once for all rows
 
     def __post_init__(self):
         self.A_transposed = np.ascontiguousarray(self.A.T)
+
+    @property
+    def F(self) -> np.ndarray:
+        """(m, m) B_r K_rr^-1 B_r', a copy where half of it is kept."""
+        return whole(self.F_kept)
 
     def groups(self) -> list[slice]:
         """Members that are solved for at once: few enough that their fields stay in the cache."""
@@ -85,7 +90,7 @@ def stack(classes: list[LocalClass]) -> None:
     row = corner = 0
     for c in classes:
         count = len(c.members)
-        c.rows = slice(row, row + count * c.F.shape[0])
+        c.rows = slice(row, row + count * len(c.A))
         c.corners = slice(corner, corner + count * len(c.corner))
         row, corner = c.rows.stop, c.corners.stop
 
@@ -222,7 +227,8 @@ def reduce_class(structure: Substructure, members: list[int], K: Symmetric,
     inverse, coupling, S = factor.reduced(corner)
     seen = factor.seen
     F, A = _of_rows(structure, s, B_r[:, seen], B_c, inverse, coupling)
-    return LocalClass(members, torn, corner, K, factor, B_r, B_c, K_rc, F, A, S, shared,
+    return LocalClass(members, torn, corner, K, factor, B_r, B_c, K_rc, halved(F, shared), A, S,
+                      shared,
                       Kept(seen, inverse, coupling) if changes else None)
 
 

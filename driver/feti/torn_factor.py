@@ -15,7 +15,8 @@ import numpy as np
 from scipy.linalg import lapack, solve_triangular
 
 from ..errors import NoSolution
-from .cholesky import SINGULAR, Interior, mirrored, packed
+from .cholesky import SINGULAR, Interior
+from .halves import mirrored
 
 
 class TornFactor:
@@ -50,7 +51,7 @@ class TornFactor:
         stiffness, added = interior.stiffness[dofs], np.zeros(len(dofs))
         added[n_q:] = stiffness[n_q:]
         L = _factor(interior.schur(dofs), stiffness, added, interior.size)
-        self._packed, self._coupling = packed(L[:n_q, :n_q]), L[n_q:, :n_q].copy()
+        self._packed, self._coupling = _rectangular(L[:n_q, :n_q]), L[n_q:, :n_q].copy()
         L_tt, L_ct, L_cc = L[n_o:n_q, n_o:n_q], L[n_q:, n_o:n_q], L[n_q:, n_q:]
         schur = L_cc @ L_cc.T - np.diag(added[n_q:])
         return _inverse(L_tt), _backward(L_tt, L_ct.T), (schur + schur.T) / 2
@@ -102,6 +103,11 @@ class TornFactor:
         whole[:, self._of_q] = self._on_rim(on_rim, "T")
         whole[:, self._of_c] = corner
         return self._interior.columns.backward(whole)[:, self._place]
+
+
+def _rectangular(L: np.ndarray) -> np.ndarray | None:
+    """The lower triangle (n, n) in LAPACK's rectangular full packed format; None without rows."""
+    return lapack.dtrttf(L, uplo="L")[0] if len(L) else None
 
 
 def _factor(S: np.ndarray, stiffness: np.ndarray, added: np.ndarray, eliminated: int) -> np.ndarray:

@@ -123,15 +123,6 @@ def test_singular_and_indefinite_stiffness_is_refused(K, seen, unit):
     factor_of(sound, *both).reduced(none)
 
 
-def test_the_lower_triangle_is_mirrored(monkeypatch):
-    """In blocks of any size beside that of the matrix."""
-    matrix = np.random.default_rng(1).standard_normal((7, 7))
-    expected = np.tril(matrix) + np.tril(matrix, -1).T
-    for size in (1, 3, 7, 10):
-        monkeypatch.setattr(cholesky, "AT_A_TIME", size)
-        assert np.array_equal(cholesky.mirrored(matrix.copy()), expected)
-
-
 @pytest.mark.parametrize("seed", range(20))
 def test_factors_are_kept_in_blocks_of_nodes(seed, monkeypatch):
     """Nothing is left out, and blocks hold no zeros that L has not but one above the diagonal,
