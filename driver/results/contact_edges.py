@@ -17,6 +17,9 @@ NODES = ("xy", "arc", "chain", "weight", "length", "gap", "paired", "middle", "m
          "seam")
 NEXT = 3  # open nodes that locate an end of contact, the first of them once and once not
 EDGE = 0.3  # of an edge in which contact ends: what is open of the place
+# pressure, or wear, at an end of the boundary, or in a dip, over the next: below it contact may end
+# before
+FALLS = 0.6
 
 
 def chains(nodes: dict) -> list[np.ndarray]:
@@ -196,6 +199,23 @@ def doubt_of_ends(nodes: dict, piece: np.ndarray, steps: dict, index: int) -> fl
         side = arc[1]
         total += EDGE * side if other is None else abs(np.clip(other, -side, 2 * side) - part)
     return float(total)
+
+
+def worn_ends(nodes: dict, piece: np.ndarray, closed: np.ndarray, pressure: np.ndarray,
+              worn: np.ndarray) -> float:
+    """Length at the ends of a piece, closed as they are, over which contact may have ended before
+    it came there by wear, from (k,) of its nodes: in contact, pressure, worn depth.
+
+    Worn surfaces conform: pressure does not fall towards the place that contact has come to, but
+    the worn depth does, to zero. A node at an end closes as soon as its half of the last edge can.
+    One that is pressed more than the next does not wear, as where a support holds it.
+    """
+    side, early = np.diff(nodes["arc"][piece]), 0.0
+    for end, near in ((0, 1), (-1, -2)):
+        if (closed[end] and not nodes["mirrored"][piece[end]] and worn[end] < FALLS * worn[near]
+                and pressure[end] <= pressure[near]):
+            early += side[end] / 2 * (1 - worn[end] / worn[near])
+    return float(early)
 
 
 def _part(x, opening, pressure, inward, closed) -> float:

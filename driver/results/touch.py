@@ -5,14 +5,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..contact.states import OPEN, SLIP
-from .contact_edges import EDGE, beyond_ends, chains, doubt_of_ends, is_ring
+from .contact_edges import (EDGE, FALLS, beyond_ends, chains, doubt_of_ends, is_ring,
+                            worn_ends)
 from .quantities import (carried, corners_of_materials, farthest_node, longest_ways,
                          made_under_load, moves)
 from .ways import onward, passed
 
 FEW = 6  # nodes in contact, among which the next may differ by all of a quantity's error
-# pressure at an end of the boundary, or in a dip, over the next: below it contact may end before
-FALLS = 0.6
 STEEP = 1.5  # pressure over the mean one, two sides from an end of contact, of ends that are sharp
 AREA = 3  # nodes that press side by side and tell where the force of an area of contact acts
 CLOSED = 1e-9  # distance at time 0 over the largest displacement, below which a node is in contact
@@ -166,7 +165,8 @@ def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
     over all of it where the line through the last two pressures is below zero at its end.
     Where contact ends between two nodes the place is known to a part of the edge, and where
     pressure falls steeply towards an end of the boundary contact may end before it, by as much as
-    `_before_ends` says where it would be zero there but for the end node. In a dip of pressure it
+    `_before_ends` says where it would be zero there but for the end node, or as `worn_ends` does
+    where wear has just reached it. In a dip of pressure it
     may be lost over a bay shorter than the sides beside it. An area of a node or two
     may reach over all of the edges beside it, or be a point. The largest slip may be
     elsewhere by as much as it differs from that of the next nodes that have touched, less what an
@@ -192,6 +192,9 @@ def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
             if not is_ring(nodes, piece):
                 clamped += _to_clamped(nodes, piece, closed[piece], pressure)
                 early += _before_ends(nodes, piece, closed[piece], pressure)
+                if "wear" in steps:
+                    early += worn_ends(nodes, piece, closed[piece], pressure,
+                                       steps["wear"][index][piece])
                 falls += _falls(nodes, piece, closed[piece], pressure)
                 few += _of_few(nodes, piece, closed[piece])
         near = piece[(np.abs(piece - top) <= 1) & touching[:, piece].any(axis=0)]
