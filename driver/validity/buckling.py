@@ -13,14 +13,15 @@ finite_rotations.Triangles.turning_part: if it is twice the shear modulus it wou
 stiffness.
 
 The first of the vectors, by which bodies give way most, mostly tells by its Rayleigh quotient that
-nothing is near its buckling load: then it is the only one. Bodies that contact alone keeps from
-turning are not looked at: they roll, and other points carry their forces then. They may hold others
-as they do in the step, but their own stress softens nothing.
+nothing is near its buckling load: then it is the only one. Bodies that round contact alone keeps
+from turning are not looked at: they roll, and other points carry their forces then. They may hold
+others as they do in the step, but their own stress softens nothing. Bodies with flat feet stand
+(standing.py).
 """
 
 import numpy as np
 
-from .finite_rotations import Triangles, rolling, turning
+from .finite_rotations import Triangles, turning
 
 VECTORS = 6
 SLIGHT = 0.02  # quotient of the first vector with which it is the only one
@@ -30,14 +31,14 @@ MORE = 1.2
 DEPENDENT = 1e-10  # part of the largest of the space's eigenvalues that is rounding
 
 
-def reached(frozen, structure, fields: list[np.ndarray],
-            before: np.ndarray | float) -> tuple[float, np.ndarray | float]:
+def reached(frozen, structure, fields: list[np.ndarray], before: np.ndarray | float,
+            stands: np.ndarray) -> tuple[float, np.ndarray | float]:
     """Part of the buckling load in the step of a FrozenState with displacements `fields` (dofs,) of
     the local subdomains, and how much each of the bodies is compressed, a strain, to be given as
-    `before` for another step; 0 where none is compressed by more than before. Collective.
+    `before` for another step; 0 where none is compressed by more than before. `stands` (bodies,)
+    as standing.standing has it; others are not looked at. Collective.
     """
     weights, bodies = frozen.step.weights, structure.travel.bodies
-    stands = ~rolling(structure)
     if not stands.any():
         return 0.0, before
     triangles = [Triangles(sub) for sub in structure.subdomains]

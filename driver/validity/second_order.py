@@ -28,6 +28,7 @@ from ..feti.gathering import largest
 from ..march.frozen_state import FrozenState
 from . import buckling
 from .finite_rotations import Triangles, rolls, stretch, turning
+from .standing import standing
 
 LEAST = 0.1  # of the largest force of a boundary: smaller ones count as such
 SLIGHT = 0.01  # energy of what strains leave out, over theirs, up to which the third order counts
@@ -64,8 +65,10 @@ class Change:
         (force, friction), (added, _) = (_forces(operator, solver.rows, of, count)
                                          for of in (step.multipliers, x))
         part = 0.0 if rolls(operator.structure) or not size else abs(changed - size) / size
-        loads = None if strained is None else buckling.reached(frozen, operator.structure, fields,
-                                                               strained)
+        if strained is None:
+            return cls(part, added, np.hypot(force, friction), None)
+        stands = standing(operator.structure, operator.comm, status, step.time)
+        loads = buckling.reached(frozen, operator.structure, fields, strained, stands)
         return cls(part, added, np.hypot(force, friction), loads)
 
     def of_nodes(self, here: np.ndarray) -> float:
