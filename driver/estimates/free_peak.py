@@ -15,6 +15,11 @@ another place moves by more. What a place moves by from the support is a sum of 
 by the error in energy: so much of its way from the support is added to the displacement of every
 place. Beyond that, and what is UNSEEN, no error is claimed.
 
+A bulge has an energy. To move a place of a boundary by b, over an element's length, takes about
+E b^2/6 of a half-plane, of a corner less; a body that moves by w from its support has about
+E w^2/2, and e^2 of that is all that an error in it allows: b is a few times e w. So a body that
+hardly deforms, or whose stresses are uniform, has no bulge that is worth UNSEEN.
+
 The largest displacement is that of a node. Where the outline goes on smoothly the true one may be
 at a place BETWEEN that node and the next, as under a round indenter: meshes differ by where their
 nodes lie, and adjoint problems are about the node. The parabola through the node and its two
@@ -31,6 +36,10 @@ ROUNDING = 1e-9  # relative change of a largest displacement that a support pres
 # by how much others may exceed it, relative: bulges beside a support; 2.1 found, and 3.9 of a pad
 # of rubber in shear
 UNSEEN = 2.5e-2
+# times the relative error in energy: displacement of a place over the way from the support that
+# this allows, 3 to 6 on an edge or a corner, in a body that is 300 times as soft as what has the
+# energy
+PLACE = 100.0
 AGREE = 1e-5  # relative change of one that contact prescribes, which holds to its tolerance
 SAME = 0.5  # part of a peak of displacements that the same one on a coarser mesh has at least
 X, Y, SIZE, SIDE = range(4)
@@ -79,7 +88,16 @@ class Peaks:
         relative error in `energy`.
         """
         beyond = (self.ways @ [1.0, energy] - self.held).max(initial=0.0)
-        return float(max(beyond, self.largest - self.held, UNSEEN * self.largest))
+        return float(max(beyond, self.largest - self.held, self.unseen(energy)))
+
+    def unseen(self, energy: float) -> float:
+        """What a bulge that no mesh shows may add to the largest, with a relative error in `energy`
+        or 0 where that is not known.
+        """
+        near = self.held > 0 and self.held >= (1 - UNSEEN) * self.largest
+        way = self.ways[:, 1].max(initial=0.0) if near else self.largest
+        allowed = PLACE * energy * way if energy else np.inf
+        return float(min(UNSEEN * self.largest, allowed))
 
     def near(self, peak: np.ndarray) -> float | None:
         """Size of the peak within an element's extent of another mesh's `peak`, None without one;
@@ -107,9 +125,10 @@ def exceeded(part: Part, value: float, pairs: list[tuple[Peaks, Peaks]], ratios:
     agree = ROUNDING if pairs and pairs[0][0].is_free else AGREE
     if unseen or part.error is not None and part.error <= agree * value:
         # that of a support or of an obstacle: no mesh tells when a place between moves by more
-        part = located(part, UNSEEN * value)
+        least = pairs[0][0].unseen(energy) if pairs else UNSEEN * value
+        part = located(part, least)
         if pairs and pairs[0][0].by_support:
-            part = replace(part, floor=UNSEEN * value)
+            part = replace(part, floor=least)
     return part
 
 

@@ -7,7 +7,7 @@ import pytest
 from mpi4py import MPI
 
 from driver.estimates.budget import SAFETY, SLOW, UNSETTLED, Part
-from driver.estimates.free_peak import Peaks, exceeded, exceeding
+from driver.estimates.free_peak import PLACE, UNSEEN, Peaks, exceeded, exceeding
 from driver.estimates.prices import Adaptive, Uniform
 
 # a sleeve with a flange, shrunk on a rigid shaft, warm, and pressed along the axis
@@ -143,6 +143,22 @@ def test_what_a_support_prescribes_has_no_error(row, error, claimed):
     split = Peaks.of(body_of([{0: 3.0, 1: 2.8}, {1: 2.8, 2: row[2]}], held=[0]), STEP, own.largest)
     assert split.held == own.held == 3.0
     np.testing.assert_array_equal(split.ways, own.ways)
+
+
+@pytest.mark.parametrize("row, energy, claimed", [
+    ({0: 3.0, 1: 3.0 - 1e-4, 2: 3.0 - 2e-4}, 0.1, PLACE * 0.1 * 2e-4),  # hardly deforms
+    ({0: 3.0, 1: 2.8, 2: 1.0}, 1e-9, PLACE * 1e-9 * 2.0),  # uniform stresses
+    ({0: 3.0, 1: 2.8, 2: 1.0}, 0.01, UNSEEN * 3.0), ({0: 3.0, 1: 2.8, 2: 1.0}, 0.0, UNSEEN * 3.0)])
+def test_a_bulge_that_no_mesh_shows_has_an_energy(row, energy, claimed):
+    """No more than the error in it, on the way from the support; 2.5 % of a rigid motion of 36 mm
+    and of a bar under uniform stress were claimed. Without a support the way is from zero.
+    """
+    own = Peaks.of(body_of([row], held=[0]), STEP, 3.0)
+    found = exceeded(Part(0.0), 3.0, [(own, own)], [2.0], 1.0, energy)
+    assert found.error == pytest.approx(claimed)
+    jaw = Peaks(3.0, 0.0, np.empty((0, 4)))
+    found = exceeded(Part(0.0), 3.0, [(jaw, jaw)], [2.0], 1.0, energy)
+    assert found.error == pytest.approx(min(PLACE * energy or 1.0, UNSEEN) * 3.0)
 
 
 @pytest.mark.parametrize("error, claimed", [(0.0, 0.075), (1e-7, 0.075), (1e-3, 1e-3)])
