@@ -50,15 +50,28 @@ def warnings(boundary: ContactBoundary, declared, displacements: list[float],
     return said
 
 
-def far_moves(structure, displacements: list[float]) -> list[str]:
-    """A sentence where bodies without support move by several times the size of all of them."""
+def far_moves(structure, displacements: list[float], amplitudes: np.ndarray, comm) -> list[str]:
+    """A sentence where bodies without support move by several times the size of all of them beyond
+    what supports move by with the `amplitudes` (steps, patterns) of a run. Collective over `comm`.
+    """
     size = structure.travel.bodies.size.max(initial=0.0)
     largest = max(displacements, default=0.0)
     if not structure.rigid_modes or largest <= FAR * size:
         return []
+    if largest - _prescribed(structure, amplitudes, comm) <= FAR * size:
+        return []
     return [f"a body without support moves by {largest:.3g}, {largest / size:.0f} times the size "
             "of the largest body, until something holds it: check its initial position and its "
             "unit of length"]
+
+
+def _prescribed(structure, amplitudes: np.ndarray, comm) -> float:
+    """The largest displacement that supports prescribe in a run, or a little more."""
+    travel = structure.travel.motion
+    given = [np.abs(amplitudes @ values).max(initial=0.0) for values in structure.fixed_values]
+    moved = np.tensordot(amplitudes[:, :len(travel)], travel, axes=1)
+    return float(np.sqrt(2.0) * max(comm.allgather(max(given, default=0.0)))
+                 + np.abs(moved).sum(axis=-1).max(initial=0.0))
 
 
 def far_gaps(structure, declared) -> list[str]:

@@ -258,6 +258,14 @@ def test_a_body_that_begins_far_away_is_said(run_of):
     assert "times the size of the largest body" in line
 
 
+def test_a_body_that_a_support_moves_far_is_not_said_to_be_far_away(run_of):
+    """It does what the scene prescribes; a support that stands still says nothing of its fall."""
+    for more, bottom, far in (("macro displacement1() on(13, u1 = 29.) //", 2.0, False),
+                              ("macro displacement1() on(13, u1 = 0.) //", 30.0, True)):
+        said = run_of(BLOCKS.format(bottom=bottom, more=more)).summary["warnings"]
+        assert any("without support moves by" in line for line in said) == far
+
+
 @pytest.mark.parametrize("load, ways", [
     ("traction(4, 1., 2.)", "x and y"), ("pressure(4, 1.)", "x"),
     ("traction(3, 1., 0.) + pressure(4, 1.)", ""), ("traction(3, 1., 0.)", "")])
