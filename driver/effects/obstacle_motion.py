@@ -23,6 +23,7 @@ from . import Effect, RunFacts, entry
 FACING = 0.1  # cosine between the node's normal and the obstacle's below which they do not meet
 ASIDE = 1e-6  # such a cosine that is rounding: the obstacle moves along the node
 STEADY = 1e-7  # sine between an obstacle's normals at two times that is rounding of differences
+STILL = 1e-9  # part of a distance by which one that does not change is off between steps
 EVEN = 1e-9  # part of the size of the boundaries below which a difference of distances is rounding
 
 
@@ -81,6 +82,8 @@ class Room(Effect):
         missed = {macro: _missed(columns, name, values) for macro, name, values in (
             ("obstacleX", "obstacle_x", shift[..., 0]), ("obstacleY", "obstacle_y", shift[..., 1]),
             ("obstacleAngle", "obstacle_angle", angle)) if f"{name}_missed" in columns}
+        for macro, name in (("gapInTime", "gap_in_time"), ("obstacleInTime", "phi")):
+            missed |= _missed_change(macro, columns, name, history(name))
         motion = ObstacleMotion(times, gap, shift, angle, pivot, nodes.xy, tangent, missed,
                                 own="gap_in_time@0" in columns)
         if cycles := self.manifest.rooms.get("cycles"):
@@ -102,6 +105,16 @@ def _missed(columns: dict, name: str, values: np.ndarray) -> tuple[float, float]
     node = int(away.argmax())
     largest = max(np.abs(values).max(), away[node])
     return float(away[node] / largest) if largest > 0 else 0.0, columns[f"{name}_missed_at"][node]
+
+
+def _missed_change(macro: str, columns: dict, name: str, values: np.ndarray) -> dict:
+    """The same by macro of a surface that changes, relative to its largest change; empty where
+    steps miss no more than rounding.
+    """
+    away = columns.get(f"{name}_missed", np.zeros(1)).max()
+    if away <= STILL * np.abs(values).max(initial=0.0):
+        return {}
+    return {macro: _missed(columns, name, values - values[0])}
 
 
 def _distance(phi: np.ndarray, slope: np.ndarray, nodes, times: np.ndarray) -> np.ndarray:

@@ -346,6 +346,20 @@ macro friction() F"""), ("(way*(1. - abs(t - 1.)))", "(label == 1 ? way*(1. - ab
     assert not any("obstacleX" in line for line in run.summary["warnings"])
 
 
+@pytest.mark.parametrize("macro, shape", [
+    ("gapInTime", "gapInTime(t) (0.1 + AWAY)"),
+    ("obstacleInTime", "obstacleInTime(x, y, t) (y + 0.1 + AWAY*(2. + x))")])
+def test_what_steps_miss_of_a_surface_that_changes_is_said(solved, scene, macro, shape):
+    """A pulse between them, which nothing told of; not what grows evenly and errs by rounding."""
+    for away, said in (("0.2*exp(-900.*(t - 0.7)^2)", True), ("0.3*t/7.", False)):
+        text = scene(PAD, ("macro obstacleX(t) (way*(1. - abs(t - 1.))) //",
+                           f"macro {shape.replace('AWAY', away)} //"), name=f"of{len(away)}")
+        warnings = solved(text, cells=1, steps=4).summary["warnings"]
+        lines = [line for line in warnings if f"{macro} deviates between steps" in line]
+        assert len(lines) == said, warnings
+        assert not said or "by 100 %" in lines[0] and "at time 0.7" in lines[0]
+
+
 @pytest.mark.slow  # companions of many steps
 def test_a_short_pulse_of_a_path_is_said_and_claimed_for_one_step(solved, scene):
     """Of 1/20 of the history: one step ends where the obstacle was before it."""
