@@ -15,6 +15,7 @@ SHARP = 8.0  # a turn that is so many times as large as the median one is a kink
 MOST = 20  # times the steps, up to which a number is looked for that has kinks at its ends
 LEADING = "normal_resultant", "displacement"  # whose largest value is the moment of all others
 HALF = 0.5  # of a step, by which a moment may be off where loads go beyond their steps
+TANGENT = 2.0  # slope of a force over the mean one since contact began, at most
 CLOSE = 0.02  # part of a step by which a kink may miss its end
 
 
@@ -91,8 +92,8 @@ def of_instant(manifest, index: int, beside: list[dict]) -> dict[str, float]:
     three; other quantities are followed there along their own parabolas. Where loads go beyond
     what they are in these steps it is elsewhere: others are followed by half a step to either side.
     And by loads: how far these go beyond, times what the quantity changes by between these steps
-    over what the load does; where the load goes farther beyond them than it changes, times the
-    quantity over the load.
+    over what the load does, on the side where it is steeper, see `_steepest`; where the load goes
+    farther beyond them than it changes, times the quantity over the load.
     """
     ends = np.arange(index, min(index + 2, manifest.steps) + 1)
     histories = [(fine, per_step) for _, _, fine, per_step in _histories(manifest)]
@@ -134,8 +135,24 @@ def _excess(fine: np.ndarray, per_step: int, ends: np.ndarray) -> float:
     """How far a history goes beyond its values at the steps `ends` between them."""
     at_ends = fine[ends * per_step]
     between = fine[ends[0] * per_step:ends[-1] * per_step + 1]
-    excess = max(between.max() - at_ends.max(), at_ends.min() - between.min())
+    excess = max(_top(between) - at_ends.max(), at_ends.min() + _top(-between))
     return float(excess) if excess > ROUNDING * np.abs(at_ends).max() else 0.0
+
+
+def _top(values: np.ndarray) -> float:
+    """The largest of a history, from samples: at a kink between them the lines on both sides meet
+    above all of them, by no more than to the next sample.
+    """
+    k = int(values.argmax())
+    if not 3 <= k < len(values) - 3:
+        return float(values[k])
+    rise, fall = values[k - 1] - values[k - 2], values[k + 1] - values[k + 2]
+    beside = np.abs(np.diff(values[k - 3:k + 4], 2))[[0, -1]].max()
+    if min(rise, fall) <= 0 or rise + fall <= SHARP * beside:  # it turns smoothly
+        return float(values[k])
+    # lines through the samples k - 2, k - 1 and k + 1, k + 2, at the place where they meet
+    meet = (values[k - 1] * fall + values[k + 1] * rise + 2 * rise * fall) / (rise + fall)
+    return float(np.clip(meet, values[k], 2 * values[k] - values[[k - 1, k + 1]].min()))
 
 
 def _beyond(fine: np.ndarray, per_step: int, ends: np.ndarray, values: np.ndarray) -> float:
@@ -144,8 +161,28 @@ def _beyond(fine: np.ndarray, per_step: int, ends: np.ndarray, values: np.ndarra
     if not excess:
         return 0.0
     if np.ptp(at_ends) > excess:
-        return float(excess * np.ptp(values) / np.ptp(at_ends))
+        return float(excess * max(np.ptp(values) / np.ptp(at_ends),
+                                  _steepest(at_ends, values, excess)))
     return float(excess * np.abs(values).max() / max(np.abs(at_ends).max(), excess))
+
+
+def _steepest(loads: np.ndarray, values: np.ndarray, least: float) -> float:
+    """Slope of a quantity over a load beyond what it is in two or three steps, from its slopes
+    between them where the load changes by more than `least`; 0 where it does nowhere.
+
+    Contact stiffens as it grows: forces go like a power of the approach up to the second, of a
+    cone, whose slope at the end is twice that from where it began. It is the steeper slope times
+    its ratio to the other one, at most TANGENT; that much where there is no other one. A force that
+    is zero under a load begins between the steps: about halfway.
+    """
+    change = np.abs(np.diff(loads))
+    none = (values == 0) & (np.abs(loads) > least)
+    part = np.where(none[1:] | none[:-1], HALF, 1.0) * change
+    slopes = np.sort(np.abs(np.diff(values))[change > least] / part[change > least])
+    if not len(slopes):
+        return 0.0
+    known = len(slopes) > 1 and slopes[0] > 0
+    return float(slopes[-1] * (min(TANGENT, slopes[-1] / slopes[0]) if known else TANGENT))
 
 
 def half_turns(motion) -> list[str]:
