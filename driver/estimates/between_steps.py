@@ -15,6 +15,9 @@ SHARP = 8.0  # a turn that is so many times as large as the median one is a kink
 MOST = 20  # times the steps, up to which a number is looked for that has kinks at its ends
 LEADING = "normal_resultant", "displacement"  # whose largest value is the moment of all others
 HALF = 0.5  # of a step, by which a moment may be off where loads go beyond their steps
+# of a history, between the times at which an export looks at an obstacle's (obstacle_motion.idp)
+SAMPLES = {"obstacleX": 1 / 160, "obstacleY": 1 / 160, "obstacleAngle": 1 / 160,
+           "gapInTime": 1 / 80, "obstacleInTime": 1 / 80}
 TANGENT = 2.0  # slope of a force over the mean one since contact began, at most
 CLOSE = 0.02  # part of a step by which a kink may miss its end
 
@@ -71,33 +74,37 @@ def of_obstacles(motion, steps: int, stride: int = 1) -> dict[str, tuple[float, 
     return found
 
 
-def of_earlier_moment(manifest, record, at: int) -> dict[str, float]:
+def of_earlier_moment(manifest, record, at: int, motion=None) -> dict[str, float]:
     """What steps leave open of the quantities of the step `at`, an index in the `record`, where
     they do not belong to the last one: as `of_instant`, empty for the last.
 
-    `manifest` has the declared history, of which cycles are repeated.
+    `manifest` and the ObstacleMotion `motion` have the declared history, of which cycles are
+    repeated.
     """
     if at >= len(record.displacements) - 1:
         return {}
     index = at if record.cycles is None else record.cycles.place(at + 1) - 1
-    return of_instant(manifest, index, record.beside(at))
+    return of_instant(manifest, index, record.beside(at), motion)
 
 
-def of_instant(manifest, index: int, beside: list[dict]) -> dict[str, float]:
+def of_instant(manifest, index: int, beside: list[dict], motion=None) -> dict[str, float]:
     """What steps leave open of the quantities in that with an `index` in the history, at which
     contact carries most, or the body deforms most: the moment may lie between it and the steps
     `beside` it, the one before and the one after.
 
     Its place is the largest value of the quantity that it belongs to, on the parabola through the
-    three; other quantities are followed there along their own parabolas. Where loads go beyond
-    what they are in these steps it is elsewhere: others are followed by half a step to either side.
+    three; other quantities are followed there along their own parabolas. Where loads, or obstacles
+    with a `motion`, go beyond what they are in these steps it is elsewhere: others are followed by
+    half a step to either side.
     And by loads: how far these go beyond, times what the quantity changes by between these steps
     over what the load does, on the side where it is steeper, see `_steepest`; where the load goes
     farther beyond them than it changes, times the quantity over the load.
     """
     ends = np.arange(index, min(index + 2, manifest.steps) + 1)
-    histories = [(fine, per_step) for _, _, fine, per_step in _histories(manifest)]
-    goes = any(_excess(fine, per_step, ends) > 0 for fine, per_step in histories)
+    histories = [(fine[ends * per_step], _excess(fine, per_step, ends))
+                 for _, _, fine, per_step in _histories(manifest)]
+    histories += _ways_of_obstacles(motion, manifest.steps, ends) if motion else []
+    goes = any(excess > 0 for _, excess in histories)
     leading = next((name for name in LEADING if name in beside[0]), None)
     found = {}
     for name in beside[0]:
@@ -105,7 +112,7 @@ def of_instant(manifest, index: int, beside: list[dict]) -> dict[str, float]:
         own = np.array([each[leading or name] for each in beside])
         other = goes and leading not in (None, name)
         places = [_place(own), *((-HALF, HALF) if other else ())]
-        beyond = sum(_beyond(fine, per_step, ends, values) for fine, per_step in histories)
+        beyond = sum(_beyond(at_ends, excess, values) for at_ends, excess in histories)
         found[name] = float(max(beyond, *(_departs(values, place) for place in places)))
     return found
 
@@ -155,9 +162,37 @@ def _top(values: np.ndarray) -> float:
     return float(np.clip(meet, values[k], 2 * values[k] - values[[k - 1, k + 1]].min()))
 
 
-def _beyond(fine: np.ndarray, per_step: int, ends: np.ndarray, values: np.ndarray) -> float:
-    """Change of a quantity by what a history does beyond its values at the steps `ends`."""
-    at_ends, excess = fine[ends * per_step], _excess(fine, per_step, ends)
+def _ways_of_obstacles(motion, steps: int, ends: np.ndarray) -> list[tuple[np.ndarray, float]]:
+    """Of the history of every obstacle's shift or angle, of an ObstacleMotion, or if there is none
+    of the distance that changes most: its values at the steps `ends`, and how far it goes beyond
+    them. An export tells only by how much it departs most from its steps, and when, to a sample.
+    """
+    every, found = (len(motion.times) - 1) // steps, []
+    if not every:  # fewer times than steps tell nothing
+        return []
+    parts = {"obstacleX": motion.shift[..., 0], "obstacleY": motion.shift[..., 1],
+             "obstacleAngle": motion.angle}
+    if not any(values.any() for values in parts.values()) and len(motion.gap) == len(motion.times):
+        most = np.ptp(motion.gap, axis=0).argmax(keepdims=True) if motion.gap.size else []
+        parts = dict.fromkeys(motion.missed, motion.gap[:, most])
+    times = motion.times[ends * every]
+    for name, values in parts.items():
+        size, when = motion.missed.get(name, (0.0, 0.0))
+        largest = np.abs(values).max(initial=0.0)
+        near = when + SAMPLES.get(name, 0.0) * motion.times[-1] * np.array([-1.0, 0.0, 1.0])
+        _, first = np.unique(np.round(values / (largest or 1.0), 9).T, axis=0, return_index=True)
+        for column in values.T[first]:
+            at_ends, excess = column[ends * every], _excess(column, every, ends)
+            if times[0] < when < times[-1]:
+                chord = np.interp(near, times, at_ends)
+                excess = max(excess, chord.max() + size * largest - at_ends.max(),
+                             at_ends.min() - chord.min() + size * largest)
+            found.append((at_ends, float(excess)))
+    return found
+
+
+def _beyond(at_ends: np.ndarray, excess: float, values: np.ndarray) -> float:
+    """Change of a quantity with `values` in steps by what a history does beyond `at_ends` there."""
     if not excess:
         return 0.0
     if np.ptp(at_ends) > excess:

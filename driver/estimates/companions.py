@@ -270,7 +270,7 @@ class Companions:
     def _of_instant(self, found: dict[str, Part]) -> dict[str, Part]:
         """The parts `found` of steps, no less than what is open of a moment before the end."""
         least = dict.fromkeys(self.values, 0.0)
-        left = of_earlier_moment(self.manifest, self.record, self.at)
+        left = of_earlier_moment(self.manifest, self.record, self.at, self.strides.motion)
         least |= {name: OF_TIME * size for name, size in left.items() if name in least}
         return {name: located(found.get(name, Part(0.0)), least[name]) for name in least}
 

@@ -266,7 +266,7 @@ class Trials:
         if "time" in parts:
             level = self.level(self.sizes[-1])
             history = dataclasses.replace(self.history, steps=level.declared)
-            left = of_earlier_moment(history, level.record, level.at)
+            left = of_earlier_moment(history, level.record, level.at, self.motion)
             parts["time"] = parts["time"] | {
                 name: located(parts["time"][name], OF_TIME * size)
                 for name, size in left.items() if name in parts["time"]}

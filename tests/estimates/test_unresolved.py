@@ -267,7 +267,7 @@ class History:
 def timed(stride: int = 1, at: int = 7, on_arrival: float = 0.0):
     """Trials of eight steps, and a level whose quantities belong to the step `at`."""
     of = object.__new__(trials.Trials)
-    of.name = "displacement"
+    of.name, of.motion = "displacement", None
     of.sizes, of.stride, of.total, of.history = [1.0], stride, 8, History()
     of.parts = {"time": dict.fromkeys(VALUES, Part(0.0))}
     record = SimpleNamespace(
