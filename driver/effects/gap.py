@@ -11,3 +11,7 @@ class Room(Effect):
     def distance(self, columns: dict[str, np.ndarray]) -> np.ndarray:
         """(n_c,) the declared distance."""
         return columns["gap"]
+
+    def declares(self, paired: np.ndarray) -> np.ndarray:
+        """(n_c,) whether the scene gives the distance of nodes, `paired` or of an obstacle."""
+        return np.where(paired, self.data["of_pairs"], self.data["of_obstacles"])

@@ -58,7 +58,10 @@ class FrictionQP:
         return self.operator.minimum(float(self.scale.min(initial=1.0)))
 
     def _bound_norm(self) -> float:
-        """Upper bound of the scaled ||F||; the same random start vector for any number of ranks."""
+        """Upper bound of the scaled ||F||; the same random start vector for any number of ranks.
+
+        Raises InputError where squares of displacements overflow.
+        """
         structure, op = self.operator.structure, self.operator
         known = op.norm_bound(self.scale)
         if known is not None:
@@ -66,8 +69,13 @@ class FrictionQP:
         if structure.dual_dofs == 0:  # one subdomain without contact: nothing to iterate on
             return 1.0
         start = np.random.default_rng(1).standard_normal(structure.dual_dofs)
-        return norm_bound(lambda y: self.scale * op.apply(self.scale * y), op.owned, dot=op.dot,
-                          start=start[slice(*structure.row_range)])[0]
+        try:
+            return norm_bound(lambda y: self.scale * op.apply(self.scale * y), op.owned, dot=op.dot,
+                              start=start[slice(*structure.row_range)])[0]
+        except OverflowError:
+            raise InputError("moduli, or the stiffness of rough surfaces, are so small that the "
+                             "squares of displacements exceed the largest number, 1.8e308: check "
+                             "their values and units") from None
 
     @functools.cached_property
     def accelerators(self) -> Accelerators:

@@ -244,7 +244,7 @@ class QuasistaticSolver:
         Raises NoSolution where contact cannot balance the loads on free bodies, Unfinished.
         """
         rows, slip, smooth = self.rows, self.slip, np.zeros(len(self.rows.tangential))
-        known, slip.coefficient = slip.coefficient, smooth
+        known, slip.coefficient, slip.suspended = slip.coefficient, smooth, True
         try:
             with rows.under(smooth, None):
                 self.closure.begin_step(False, slides=False)
@@ -254,7 +254,7 @@ class QuasistaticSolver:
                 x, gradient, _, _ = self.closure.settled(
                     0, load, (x, -load.d, smooth), Trace(), self.settled)
         finally:
-            slip.coefficient = known
+            slip.coefficient, slip.suspended = known, False
         self.scales.keep()
         return x, gradient, load
 

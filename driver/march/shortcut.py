@@ -68,7 +68,7 @@ class Shortcut:
         elimination = self.condensation.elimination
         if elimination is None or not elimination.fits or self.condensation.hardly_felt:
             return False
-        if self.slip.effects.coefficient_changes:
+        if self.slip.effects.coefficient_changes and not self.slip.suspended:
             return False
         return self.condensation.coefficient.max(initial=0.0) <= DOUBTFUL_FRICTION
 

@@ -28,6 +28,7 @@ class SlipState:
         self.weights = np.zeros(operator.structure.patterns + operator.modes)
         self.way: np.ndarray | float = 0.0
         self.travelled: np.ndarray | float = 0.0
+        self.suspended = False  # whether an equilibrium without friction is looked for
 
     @property
     def u_t(self) -> np.ndarray:

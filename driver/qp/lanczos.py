@@ -17,7 +17,10 @@ def _lanczos(A, v, dot, steps):
         w = A(v) - beta * v_old
         diagonal.append(dot(v, w))
         w = w - diagonal[-1] * v
-        beta = np.sqrt(dot(w, w))
+        with np.errstate(over="ignore"):
+            beta = np.sqrt(dot(w, w))
+        if np.isinf(beta):
+            raise OverflowError("squares of the values of A exceed the largest number")
         if not np.isfinite(beta):
             raise ValueError("A returned values that are not finite")
         off.append(beta)
@@ -41,7 +44,8 @@ def norm_bound(A, n, *, dot=np.dot, steps=15, seed=0, start=None):
 
     (J. Kuczynski, H. Wozniakowski, SIAM J. Matrix Anal. Appl. 13 (1992) 1094-1122); eps is not
     taken above 1/2.  Breakdown (beta_k within rounding of zero) leaves an invariant subspace: theta
-    is exact and returned with its residual only.
+    is exact and returned with its residual only.  Raises OverflowError where squares of values of A
+    overflow.
     """
     v = np.random.default_rng(seed).standard_normal(n) if start is None else np.array(start, float)
     length = np.sqrt(dot(v, v))

@@ -9,7 +9,7 @@ from ..feti.supports import constrained_keys
 from ..march.cycle_verdict import MOVED, WORN
 from ..march.quasistatic import QuasistaticSolver
 from ..march.step import Step
-from .held_nodes import ACROSS, HeldNodes, held_along, of_axis, untilted
+from .held_nodes import ACROSS, HeldNodes, complete_start, held_along, of_axis, untilted
 
 JOINTS, WEAR, HELD = "joints", "wear", "held"  # in what `ContactState.evaluate` returns
 SLID = "slip_law.accumulated_slip"  # of what a cycle hands on
@@ -121,6 +121,7 @@ class ContactState:
         u_t = elastic + (carried * tangent).sum(axis=1)
         if self._weights is None:
             self._weights = self.solver.initial_weights
+            complete_start(self.solver, held, self.prescribed)
             self._elastic = self.solver.initial[: len(b.gid)] - self._carried_t(
                 self._weights, tangent)
         if self.solver.cycles is not None and step.index == self.solver.cycles.begin + 1:

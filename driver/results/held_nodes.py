@@ -56,11 +56,24 @@ def friction_of_held(held: np.ndarray, bound: np.ndarray, slip: np.ndarray, befo
                     0.0)
 
 
+def complete_start(solver, held: np.ndarray, prescribed) -> None:
+    """Give `solver.initial` what rows do not know of an equilibrium that the history starts from.
+
+    There `held` nodes (n_c,) are where supports hold them, `prescribed` () -> (patterns, n_c),
+    collective.
+    """
+    if solver.initial_weights.any() and held.any():
+        at_start = solver.initial_weights @ prescribed()
+        solver.initial[: len(held)][held] = at_start[held]
+
+
 class HeldNodes:
     """The friction of held nodes in one step after the other; arrays (n_c,) of all nodes."""
 
     def __init__(self, boundary, effects, initial: np.ndarray):
-        """On a ContactBoundary with the declared `effects`, `initial` tangential displacements."""
+        """On a ContactBoundary with the declared `effects`, `initial` tangential displacements,
+        which may change before the first step.
+        """
         self.friction = np.zeros(len(boundary.gid))
         # tangential displacement relative to what is met, and the way slid, for laws of that
         self._relative = initial[: len(boundary.gid)]

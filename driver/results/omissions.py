@@ -9,6 +9,7 @@ from ..units import split_unit
 from .held_nodes import held_along, without_row
 
 SHAPED = {"obstacle", "obstacle_motion", "large_sliding", "bilateral"}  # else it is a mould
+GIVES_GAP = {"obstacle", "obstacle_motion"}  # may give the distance instead of gap
 SMOOTH, ROUND = np.cos(np.radians((20, 30)))  # normals of neighbours, and of a label's ends
 DIAMOND = 1e12  # Pa: twice its shear modulus
 COARSE = 0.01  # RTOL beyond which forces are guesses; FRICTION_RTOL: ten times that
@@ -39,10 +40,8 @@ def warnings(boundary: ContactBoundary, declared, displacements: list[float],
     if "slip_law" in declared and not boundary.columns["friction"].any():
         said.append("the factor of slip changes nothing: the coefficient of friction that it "
                     "multiplies is zero everywhere, and cohesion does not change with slip")
-    if "gap" not in declared and len(boundary.gid):
-        said += _overlaps(boundary)
-        if not SHAPED & set(declared):
-            said += _moulds(boundary)
+    if "gap" not in declared:
+        said += _of_no_distance(boundary, set(declared))
     for name, limit in (("rtol", COARSE), ("friction_rtol", 10 * COARSE)):
         if getattr(settings, name) > limit:
             said.append(f"{name.upper()}={getattr(settings, name):g} is too coarse for meaningful "
@@ -220,10 +219,28 @@ def _half_rough(b: ContactBoundary) -> list[str]:
     return []
 
 
-def _moulds(b: ContactBoundary) -> list[str]:
+def half_declared(b: ContactBoundary, rooms: dict) -> list[str]:
+    """What `warnings` says where no distance is declared, of scenes that declare one between bodies
+    alone, or to obstacles alone; `rooms` are those of the declared effects.
+    """
+    if "gap" not in rooms:
+        return []
+    lacks = ~rooms["gap"].declares(b.paired)
+    return _of_no_distance(b, set(rooms), np.unique(b.label[lacks])) if lacks.any() else []
+
+
+def _of_no_distance(b: ContactBoundary, declared: set[str], labels=None) -> list[str]:
+    """Of boundaries whose distance no scene declares: those with `labels`, by default all."""
+    if not len(b.gid):
+        return []
+    labels = np.unique(b.label) if labels is None else labels
+    return [*_overlaps(b, labels, declared), *([] if SHAPED & declared else _moulds(b, labels))]
+
+
+def _moulds(b: ContactBoundary, labels) -> list[str]:
     """Of every round boundary whose rigid obstacle has its shape, as none is declared."""
     said = []
-    for label in np.unique(b.label[~b.paired]):
+    for label in np.intersect1d(b.label[~b.paired], labels):
         normal = b.normal[(b.label == label) & ~b.paired]
         turns = np.einsum("ij,ij->i", normal[1:], normal[:-1])
         if len(turns) and turns.min() > SMOOTH and (normal @ normal[0]).min() < ROUND:
@@ -234,18 +251,22 @@ def _moulds(b: ContactBoundary) -> list[str]:
     return said
 
 
-def _overlaps(b: ContactBoundary) -> list[str]:
+def _overlaps(b: ContactBoundary, labels, declared: set[str]) -> list[str]:
     """Of every boundary that starts inside what it meets, beyond what facets of curves do."""
     said, size = [], float(np.linalg.norm(np.ptp(b.xy, axis=0)))
-    for label in np.unique(b.label):
+    for label in labels:
         own = b.label == label
         deep = -(b.gap[own] + FACETS * b.length[own])
         if deep.max() > 0 and -b.gap[own].min() > OVERLAP * size:
             place = b.xy[own][np.argmin(b.gap[own])]
-            macro = "pairGap" if b.paired[own].any() else "gap"
+            paired = b.paired[own].any()
+            intended = (f"if this is intended declare macro {'pairGap' if paired else 'gap'}() 0. "
+                        "//, otherwise correct the geometry")
+            if not paired and GIVES_GAP & declared:  # beside which gap would be refused
+                intended = ("if this is intended give the distance by macro gap() instead, "
+                            "otherwise correct the geometry or the obstacle")
             said.append(
                 f"contact label {label} starts up to {-b.gap[own].min():.3g} inside the other "
                 f"side, at ({place[0]:.3g}, {place[1]:.3g}), and is pushed out as in a press fit; "
-                f"if this is intended declare macro {macro}() 0. //, otherwise correct the "
-                "geometry")
+                f"{intended}")
     return said

@@ -114,7 +114,15 @@ def _finished(directory: Path, request: Request, problem: Problem, solver: Quasi
                                            "they did not come to their end"))
         if comm.rank == 0 and comm.size > 1:
             launch.write_answer(directory, status, reason)
-    leave(*_estimated(directory, request, problem, failure, writer, estimator, levels, lap, idle))
+    estimated = _estimated(directory, request, problem, failure, writer, estimator, levels, lap,
+                           idle)
+    if levels is not None:
+        levels.close()  # on a full disk the summary needs the room of the companions
+    try:
+        leave(*estimated)
+    except InputError:
+        if not _may_fail(request):
+            raise  # otherwise that from before the estimates stands
     return status, reason
 
 

@@ -13,7 +13,7 @@ from ..options import Settings
 from ..results import dissipation
 from ..results.contact_edges import NODES, chains, contact_length
 from ..results.contact_state import WEAR, ContactState, less_wear
-from ..results.held_nodes import HeldNodes, held_along, without_row
+from ..results.held_nodes import HeldNodes, complete_start, held_along, of_axis, without_row
 from ..results.quantities import largest_pressure, resultant
 from ..results.record import Record
 from ..results.shares import label_shares
@@ -140,8 +140,7 @@ class _Fields:
         self.contact = solver.operator.structure.contact.declared
         self.held_nodes = HeldNodes(self.contact, solver.effects, solver.initial)
         # at the end of the step before: tangential displacement, time and pattern factors
-        self._u_t, self._time = solver.initial[: len(self.contact.gid)], 0.0
-        self._weights = solver.initial_weights
+        self._u_t, self._time, self._weights = None, 0.0, solver.initial_weights
 
     def add(self, step) -> dict[str, np.ndarray]:
         """Those at the end of `step`, the gap then and, where the scene declares wear, its depth.
@@ -150,11 +149,13 @@ class _Fields:
         along the boundary slides as they have it.
         """
         contact, way = self.contact, self.contact.way(self._time, step.time)
+        apart = 0.0 if self._u_t is not None else self._begin()
         u_n, slip, force_n, force_t, bound, status, depth = self._of_rows(step)
         if self.solver.effects.frictional:
             alone, held = contact.tangential_row < 0, self.prescribed.held
             weights = step.weights[: len(self._weights)]
-            slip = np.where(alone, (weights - self._weights) @ self.prescribed.along - way, slip)
+            own = (weights - self._weights) @ self.prescribed.along + apart - way
+            slip = np.where(alone, own, slip)
             reach = np.abs([u_n, self._u_t + way + slip]).max(initial=0.0)
             own = self.held_nodes.add(self.law, held, force_n, slip, reach)
             bound, force_t = np.where(alone, own, bound), force_t + self.held_nodes.friction
@@ -165,6 +166,15 @@ class _Fields:
                   "sigma_t": 0.0 - force_t / w, "bound": bound / w, "status": status.astype(int),
                   "gap": contact.at(step.time).gap}
         return fields if WEAR not in self.solver.effects.rooms else fields | {WEAR: depth}
+
+    def _begin(self) -> np.ndarray:
+        """Before the first step, after a preload: (n_c,) by how much nodes that rows do not tell of
+        are elsewhere at time 0 than where slip starts from.
+        """
+        contact, (held, along) = self.contact, self.prescribed
+        complete_start(self.solver, held, lambda: along)
+        self._u_t = self.solver.initial[: len(held)]
+        return np.where(held | of_axis(contact), self._weights @ along - self._u_t, 0.0)
 
     def _of_rows(self, step) -> np.ndarray:
         """(7, n_c) u_n, slip, normal and tangential force, bound, status, worn depth: what rows

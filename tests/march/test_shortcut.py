@@ -448,8 +448,8 @@ def test_where_it_is_not_possible(changed):
              "coefficient": np.array([0.3, 0.8])}
     for given, expected in ((known, True), (known | changed, False)):
         own = SimpleNamespace(**given)
-        way = Shortcut(SimpleNamespace(rows=own, operator=own), None, SimpleNamespace(effects=own),
-                       own)
+        slip = SimpleNamespace(effects=own, suspended=False)
+        way = Shortcut(SimpleNamespace(rows=own, operator=own), None, slip, own)
         assert way.possible == expected
 
 

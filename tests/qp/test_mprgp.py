@@ -887,3 +887,11 @@ def test_scalar_products_of_a_step_are_asked_for_together():
     steps = one.cg_steps + one.expansion_steps + one.proportioning_steps
     assert len(plain) == len(single) + sum(several)
     assert several.count(3) >= steps + 1 and several.count(2) >= steps + 1
+
+
+def test_a_norm_whose_square_overflows_is_no_defect_of_the_operator():
+    """A number that is none is one."""
+    with pytest.raises(OverflowError):
+        norm_bound(lambda v: 1e200 * np.arange(1.0, 6.0) * v, 5)
+    with pytest.raises(ValueError, match="not finite"):
+        norm_bound(lambda v: np.nan * v, 5)

@@ -47,6 +47,7 @@ def made(rng, worn=False) -> ContactState:
     if worn:
         of._wear.prepare(b)
     of.constrained = np.zeros((n, 2), bool)
+    of.prescribed = lambda: np.outer([2.0, 0.0], of.solver.initial)  # at time 0 they are there
     of.held_nodes = HeldNodes(b, of.solver.effects, of.solver.initial)
     of.law = SimpleNamespace(friction_bound=lambda force: 0.4 * np.abs(force))
     return of

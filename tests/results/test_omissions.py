@@ -134,6 +134,20 @@ def test_bodies_that_overlap_at_the_start(run_of, bottom, more, said):
     assert not said or any(said in warning and "pairGap" in warning for warning in warnings)
 
 
+@pytest.mark.parametrize("gap, said", [("pairGap", True), ("gap", False)])
+def test_a_distance_between_bodies_says_nothing_of_obstacles(run_of, gap, said):
+    """A body that starts inside an obstacle says so, unless the scene declares that distance."""
+    more = (f"macro contact() 1 //\nmacro obstacle(x, y) (y - 0.05) //\nmacro {gap}() 0. //\n"
+            if said else f"macro contact() 1 //\nmacro {gap}() -0.05 //\n")
+    text = BLOCKS.format(bottom="1.", more=more)
+    text = text.replace("on(1, u1 = 0., u2 = 0.)", "on(4, u1 = 0.)")
+    warnings = run_of(text).summary["warnings"]
+    words = "contact label 1 starts up to 0.05 inside the other side"
+    found = [warning for warning in warnings if words in warning]
+    assert bool(found) == said
+    assert not any("declare macro gap" in warning for warning in found)  # obstacle gives the gap
+
+
 def test_an_obstacle_that_starts_inside_the_body(run_of):
     more = LOAD + "macro contact() 1 //\nmacro obstacle(x, y) (y - 0.1) //"
     warnings = run_of(BLOCK.format(more=more), steps=1).summary["warnings"]

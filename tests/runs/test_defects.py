@@ -14,8 +14,10 @@ import pytest
 
 from driver import cli, environment
 from driver.errors import Defect, write_error
+from driver.files import write_json
 from driver.march.quasistatic import QuasistaticSolver
 from driver.report import run as page
+from driver.results import summary
 from driver.runs import launch, run
 
 WORDS = ("SCENE=model", "LOADING=monotone", "CELLS=2", "SUBDOMAINS=2x1", "STEPS=3", "FIGURES=no",
@@ -120,3 +122,38 @@ def test_a_full_disk_is_said_with_what_to_do(number):
     assert "No space left on device" in said and "OUT" in said and "FIELDS=no" in said
     other = str(write_error(OSError(errno.EACCES, "Permission denied", "out/summary.json")))
     assert "out/summary.json" in other and "FIELDS" not in other
+
+
+def test_a_disk_that_estimates_fill_leaves_a_converged_run(tmp_path, monkeypatch):
+    """The results were written before: they are no partial ones of a run that has failed."""
+    written = []
+
+    def fails(path, content):
+        written.append(path)
+        if len(written) > 1:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        write_json(path, content)
+
+    monkeypatch.setattr(summary, "write_json", fails)
+    words = [word for word in WORDS if word not in ("ERRORS=no", "STEPS=3")]
+    asked = run.Run.from_pairs(
+        cli.parse_pairs([*words, "STEPS=1", "ERRORS=energy", f"OUT={tmp_path / 'out'}"]))
+    left = run.execute(asked)
+    assert left["converged"] and len(written) == 2
+    assert [line for line in left["warnings"] if "not all errors could be estimated" in line]
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+@pytest.mark.slow
+def test_a_full_disk_has_the_room_of_companions_for_the_summary(tmp_path, monkeypatch):
+    """What the estimates have come to is kept: their exports go before the summary is written."""
+    there = []
+
+    def looks(path, content):
+        there.append((path.parent / "companions").exists())
+        write_json(path, content)
+
+    monkeypatch.setattr(summary, "write_json", looks)
+    words = [word for word in WORDS if word != "ERRORS=no"]
+    run.execute(run.Run.from_pairs(cli.parse_pairs([*words, "NP=1", f"OUT={tmp_path / 'out'}"])))
+    assert there == [True, False]  # before the estimates and after them

@@ -684,7 +684,11 @@ HELD = {"a floor that moves": ("on(3, u1 = 0.)", "on(4, u1 = 0.)"),
                                  "u1 = 0.2) //\nmacro amplitude2(t) (t < 0.6 ? t : 1.2 - t) //"),
         "a law of slip": ("macro obstacleX(t) 0.5*t //", "macro displacement2() on(4, u1 = 0.2) //"
                           "\nmacro amplitude2(t) (t < 0.6 ? t : 1.2 - t) //\n"
-                          "macro slipFactor(s) (1. - s) //\nreal slipRange = 0.5;")}
+                          "macro slipFactor(s) (1. - s) //\nreal slipRange = 0.5;"),
+        "a start elsewhere": ("macro obstacleX(t) 0.5*t //", "macro displacement2() on(4, u1 = "
+                              "0.2) //\nmacro amplitude2(t) t //\nmacro initialX() 0.05 //"),
+        "a start under load": ("macro obstacleX(t) 0.5*t //", "macro displacement2() on(4, u1 = "
+                               "0.2) //\nmacro amplitude2(t) 1. + t //\nmacro preload() 1 //")}
 
 
 @pytest.mark.parametrize("kind", HELD)
@@ -695,6 +699,8 @@ def test_nodes_that_a_support_holds_rub_as_in_single_runs(made, solved, named_sc
     assert not any("hold" in line for line in summary["warnings"])
     single = solved(path, friction="0.3", steps="5", **TIGHT)
     rows = [row for row in files["contact"] if row["friction"] == "0.3"]
+    if kind == "a start under load":
+        assert single.contact["slip"][0][0] == pytest.approx(0.04)  # not all that it is at
     held = np.flatnonzero(single.contact["x"][-1] == 0.0)
     assert len(held) == 1 and abs(single.contact["sigma_t"][-1][held[0]]) > 0.1
     for name in ("u_t", "slip", "sigma_t", "bound"):
@@ -705,6 +711,16 @@ def test_nodes_that_a_support_holds_rub_as_in_single_runs(made, solved, named_sc
     for name in ("resultant_t", "dissipated"):
         ours = np.array([float(row[name]) for row in history])
         np.testing.assert_allclose(ours, single.history[name], atol=1e-5 * np.abs(ours).max())
+
+
+def test_a_node_on_the_axis_stays_there_whatever_the_body_starts_from(made, named_scene):
+    """No row tells of it: it was told to stand where u_0 has it."""
+    text = (RUBBED.replace("macro support() on(3, u1 = 0.) //", "macro axisymmetric() 1 //")
+            .replace("macro obstacleX(t) 0.5*t //", "macro initialX() 0.01 //"))
+    _, files = made(scene=str(named_scene("round", text)), friction="0.2,0.3", steps="2")
+    axis = [row for row in files["contact"] if float(row["x"]) == 0.0]
+    assert [float(row["u_t"]) for row in axis] == [0.0, 0.0]
+
 
 
 @pytest.mark.slow  # two studies
