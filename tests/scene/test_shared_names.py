@@ -1,4 +1,4 @@
-"""Labels that two gmsh files call by different names, as gmsh numbers names from 1 in every file."""
+"""Labels that two gmsh files name differently, as gmsh numbers names from 1 in every file."""
 
 import pytest
 
