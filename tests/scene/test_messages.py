@@ -1265,3 +1265,9 @@ def test_labels_of_lines_inside_a_body(said, declared):
 def test_labels_of_loads_are_whole_numbers(said):
     """FreeFEM would drop their decimals, and load the label that is left."""
     assert "no boundary with label 3.7" in said(("traction(3,", "traction(3.7,"))
+
+
+def test_a_rectangle_beside_bodies_is_said_before_their_materials(said):
+    message = said(("quasistatic", 'bodyMaterial("one", 1e3, 0.3);\naddBody(square(2, 2))\n'
+                    'bodyMaterial("two", 1e3, 0.3);\nquasistatic'), parameters={})
+    assert "rectangle(...) and addBody(...) are both called" in message and place(message) == 5
