@@ -57,7 +57,7 @@ def refusal(said: str, scene: Path) -> str:
         return f"{grammar.place(scene, quoted, -1)}: {said}"
     if re.match(r"(rectangle|rotate|units|quasistatic|addBody|bodyMaterial|subdomains)\b", said):
         return f"{grammar.uses(scene, first, -1 if 'twice' in said else 0)}: {said}"
-    if call := re.match(r'gmshLabel\("[^"]*"\)', said):
+    if call := re.match(r'gmsh(?:Label|Region)\("[^"]*"\)', said):
         return f"{grammar.place(scene, re.escape(call[0]))}: {said}"
     if file := re.search(r"[\w./-]+\.(geo|msh)\b|^\S+(?= is (a dir|not there)| has no tri)", said):
         return grammar.place(scene, re.escape(file[0]) + '"') + f": {said}"
@@ -331,7 +331,7 @@ def _after_unfinished(scene: Path, name: str) -> str:
 def _unknown(name: str, error: re.Match | None, scene: Path) -> str:
     """A name that means nothing: a typing error, or an include that is missing."""
     hint = ""
-    if name in ("gmshBody", "gmshNumber"):
+    if name in ("gmshBody", "gmshNumber", "gmshLabel", "gmshRegion"):
         hint = '; it needs  include "gmsh.idp"  after scene.idp'
     elif name == "t":
         hint = "; the time is the argument of an amplitude: macro amplitude1(t) ... //"
