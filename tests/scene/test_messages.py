@@ -673,6 +673,12 @@ def test_a_variable_in_place_of_a_macro_is_refused_beside_a_parameter_of_its_nam
     assert "nothing reads 'friction': what a scene declares is given by macros" in words
 
 
+def test_a_formula_in_place_of_a_macro_is_refused(said):
+    words = said(("macro young() 1000. //", "func young = 1000. + x;"))
+    assert "nothing reads 'young': what a scene declares is given by macros: macro young()" in words
+    assert place(words) == 7
+
+
 @pytest.mark.parametrize("old, new, words", [
     ("macro young() 1000. //", "macro young() (nuTriangle < 9 ? 1e3 : 2e3) //",
      "young asks for nuTriangle, which"),
