@@ -112,9 +112,11 @@ def started(command: list[str], **options):
     On an interrupt mpirun has the time to stop its ranks and clean up. Raises InputError if the
     program cannot be started.
     """
+    # FreeFEM catches SIGTERM and may go on for hours in what it was at; it has no ranks to stop
+    signal_name = "KILL" if Path(command[0]).name == "FreeFem++" else "TERM"
     # as with threads and MPI it takes 50 ms to fork, for which Python's preexec_fn would ask
     try:
-        child = subprocess.Popen([*end_with_parent("TERM"), *command], **options)
+        child = subprocess.Popen([*end_with_parent(signal_name), *command], **options)
     except OSError as problem:
         message = f"{command[0]} cannot be started: {problem.strerror}"
         raise file_error(problem, message) from None

@@ -234,16 +234,25 @@ ENTRIES = {entry.__name__: entry for entry in (
 EARLY = ("run", "model")  # start FreeFEM before anything that needs NumPy is imported
 
 
+def _without_dashes(word: str) -> str:
+    """--friction=0.2 as FRICTION=0.2."""
+    name, _, value = word.lstrip("-").partition("=")
+    return f"{name.upper() or 'NAME'}={value or '...'}"
+
+
 def main() -> None:
     """Entry point of ``python3 -m driver``; exits with a status that says how it ended."""
     parser = argparse.ArgumentParser(prog="python3 -m driver", description=__doc__.split("\n\n")[0])
     names = ", ".join(name for name in ENTRIES if name != solve.__name__)
     parser.add_argument("command", help=names)
     parser.add_argument("words", nargs="*", help="NAME=VALUE options, or directories for figures")
-    given = parser.parse_args()
+    given, strange = parser.parse_known_args()
     if given.command not in ENTRIES:
         parser.error(f"there is no command {given.command}; there are {names}")
     try:
+        if strange:
+            raise InputError(f"'{strange[0]}' is not of the form NAME=VALUE: options have no "
+                             f"dashes, as in {_without_dashes(strange[0])}")
         environment.check_process()
         if given.command not in EARLY:
             environment.prepare_numpy()

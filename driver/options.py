@@ -163,7 +163,8 @@ MESHES = (
            "structured cut NxM; n subdomains by the graph partitioner; a number that suits the "
            "size (auto); or as numbered by the scene (piece)", "that of the scene, else auto"),
     Option("cells", text("n"), None, EXPORT, MESHING,
-           "cells along the side of a subdomain; for scenes on rectangles", "that of the scene"),
+           "cells along the side of a subdomain, of an oblong one along the shorter side; for "
+           "scenes on rectangles", "that of the scene"),
     Option("h", text("length"), None, EXPORT, MESHING,
            "element size in the length unit of the scene; for other scenes", "that of the scene"),
     Option("remesh", text("factor"), None, EXPORT, MESHING,

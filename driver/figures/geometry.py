@@ -22,6 +22,7 @@ LINES = {"free": INK, "support": BLUE, "load": RED, "contact": GREEN, "pair": GR
 ARROW, SHORTEST = 0.16, 0.2  # longest arrow over the body's size, shortest one over the longest
 FAINT = 1e-6  # part of the largest body force that is none
 ALIKE = 0.05  # part of the largest way on a label by which others may differ to be one arrow
+MOST_NAMES = 12  # of labels in the legend
 RARE = 0.03  # share of the triangles from which on a material has a tint of its own
 
 
@@ -53,6 +54,7 @@ def geometry(figure: Figure, run: Run) -> None:
     label_numbers(axes, {**boundary, "role": roles}, edges, size, LINES | {"moved": PURPLE})
     if run.summary["sizes"]["subdomains"] > 1:
         handles.append(Line2D([], [], color="0.62", lw=0.6, label="subdomains"))
+    handles += _label_names(run, boundary["label"], roles)
     axes.autoscale_view()
     run_header(figure, run, "Geometry, boundary conditions and subdomains", handles,
                _note(run, boundary, traction))
@@ -136,6 +138,20 @@ def _boundary_handles(role: np.ndarray, loaded: np.ndarray) -> list:
         handles.append(Line2D([], [], color=RED, marker=r"$\downarrow$", ls="none", ms=7,
                               label="traction"))
     return handles
+
+
+def _label_names(run: Run, label: np.ndarray, roles: np.ndarray) -> list:
+    """Legend entries for the labels of the edges (e,) that a gmsh file names, in the colours of
+    their `roles` (e,): the number, as it stands in the picture, and the name.
+    """
+    names, handles = run.summary.get("label_names") or {}, []
+    for number in np.unique(label):
+        if name := names.get(f"{number:g}"):
+            role = next((str(r) for r in roles[label == number] if r != "free"), "free")
+            colour = (LINES | {"moved": PURPLE})[role]
+            handles.append(Line2D([], [], color=colour, ls="none", marker=f"${number:g}$", mew=0.2,
+                                  ms=4.0 + 2.0 * len(f"{number:g}"), label=literal(name)))
+    return handles if len(handles) <= MOST_NAMES else []
 
 
 def _moved(boundary: dict) -> np.ndarray:

@@ -169,6 +169,13 @@ def loops(run: Run) -> list[tuple[str, str, dict]]:
     return found
 
 
+def _probe_name(run: Run, name: str) -> str:
+    """What a probe is called in a legend."""
+    if label := name.removeprefix("label") * name.startswith("label"):
+        return f"label {run.label_name(int(label))}"
+    return name.replace("point", "point ")
+
+
 def force_displacement(figure: Figure, run: Run) -> None:
     """Force over displacement of every probe that feels a force, along its largest movement."""
     curves = loops(run)
@@ -180,7 +187,7 @@ def force_displacement(figure: Figure, run: Run) -> None:
     for number, (name, c, rows) in enumerate(curves):
         u, f = rows[f"u_{c}"] * length.factor, rows[f"force_{c}"] * force.factor
         colour = CURVES[number % len(CURVES)]
-        word = name.replace("label", "label ").replace("point", "point ")
+        word = _probe_name(run, name)
         handles += axes.plot(u, f, color=colour, label=f"{word}, ${coordinate(run, c)}$",
                              **markers(len(u)))
         axes.plot(u[0], f[0], "o", ms=7, mfc="none", mec=colour, mew=1)

@@ -69,9 +69,9 @@ class Run:
         return self.summary["effects"]["time"] == "quasistatic"
 
     def label_name(self, label: int) -> str:
-        """The label of a contact boundary, with its name if it has one, for text with formulas."""
-        names = {row["boundary"]: row.get("name") for row in self.summary.get("boundaries", [])}
-        return str(called(label, names.get(label))).replace("$", r"\$")
+        """A label, with its name if a gmsh file gives it one, for text with formulas."""
+        names = self.summary.get("label_names") or {}
+        return str(called(label, names.get(str(label)))).replace("$", r"\$")
 
     @property
     def friction(self) -> bool:

@@ -20,6 +20,7 @@ SLIDES = 1e-6  # part of the largest slip that is one
 ROUNDED = 1e-9  # part of a load that is none
 LONGER = 10.0  # times the largest slip, up to which a table of a law of that is fine enough
 UNRESOLVED = 0.01  # part of the largest factor of friction by which its table may be wrong
+PERCENT = 5.0  # beyond all coefficients of friction that are measured, but for adhesive rubber
 OVERLAP, FACETS = 1e-3, 0.05  # of the boundary's size, of a dual segment: what facets may overlap
 
 
@@ -35,6 +36,8 @@ def warnings(boundary: ContactBoundary, declared, displacements: list[float],
                     "more than twice that of diamond: is young in the scene's unit of stress?")
     if displacements and not any(displacements):
         said.append("nothing moves: no load, prescribed displacement or overlap acts on the bodies")
+    if "friction" in declared:
+        said += _percents(boundary)
     if "normal_compliance" in declared:
         said += _half_rough(boundary)
     if "slip_law" in declared and not boundary.columns["friction"].any():
@@ -203,6 +206,16 @@ def held_inside(record) -> list[str]:
             f"obstacle or other body, by {deep:.2g} in step {step + 1}: pressures and forces "
             "beside it grow with mesh refinement; let the support end before the contact label, or "
             f"{advice}"]
+
+
+def _percents(b: ContactBoundary) -> list[str]:
+    """Of the largest coefficient of friction, if it may be meant as a percentage."""
+    friction = b.columns["friction"]
+    largest = friction.max(initial=0.0)
+    if not PERCENT < largest <= 100.0:
+        return []
+    return [f"friction is {largest:.3g} on contact label {b.label[friction.argmax()]}: if percent "
+            f"are meant, write {largest / 100:.3g}"]
 
 
 def _half_rough(b: ContactBoundary) -> list[str]:

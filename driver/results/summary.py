@@ -172,6 +172,8 @@ class Summary:
                   "with other kinds of meshes; or the reason why there are none"})
     materials: list | None = entry("material of every body, if the scene gives one per body: body, "
                                    "name, young, poisson", optional=True)
+    label_names: dict | None = entry("names that gmsh files give to labels, by label; the CSV "
+                                     "tables have the labels alone", optional=True)
     cycles: dict | None = entry("cycles of a repeated history", optional=True, parts={
         "start": "start time of the cycle", "period": "duration of a cycle",
         "number": "number of cycles, including those jumped over",
@@ -254,6 +256,8 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
         warnings.append(str(failure))
     if manifest.materials:
         optional["materials"] = manifest.materials
+    if manifest.label_names:
+        optional["label_names"] = {str(k): name for k, name in manifest.label_names.items()}
     if writer.cycle_rows:
         optional["cycles"] = _cycles(solver.cycles, writer.cycle_rows)
     if structure.contact.declared.motion is not None:

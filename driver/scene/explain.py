@@ -23,7 +23,14 @@ MISTAKES = tuple((re.compile(start), words) for start, words in (
 WRONG_KIND = "values of the wrong kind"
 TYPES = r"real|int|bool|string|complex|mesh|matrix|varf|border|fespace|func\s+\w+"
 HINTS = {";": ": the content of a macro ends at its //, without a ;",  # by the token
-         "on": ": terms are added: on(...) + on(...)"}
+         "on": ": terms are added: on(...) + on(...)",
+         ",": ": terms are added: on(...) + on(...), traction(...) + pressure(...)",
+         "=": ": the content of a macro follows its parentheses, without a ="}
+HINTS |= {unit: ": numbers have no unit; units(...) names those of the scene" for unit in (
+    "um", "mm", "cm", "m", "Pa", "kPa", "MPa", "GPa", "N", "kN")}
+POINTLESS = re.compile(r"(?<![\w.,])\d+(?:,\d+|[' ]\d{3}\b)(?![\w,.]*\()")  # 0,3 or 210 000
+
+
 def library_words() -> list[tuple[str, str]]:
     """Macros of scene.idp that a scene calls: name, and the form that a user writes."""
     text = (environment.LIBRARY / "scene.idp").read_text()
@@ -50,7 +57,7 @@ def refusal(said: str, scene: Path) -> str:
         return f"{grammar.place(scene, quoted, -1)}: {said}"
     if re.match(r"(rectangle|rotate|units|quasistatic|addBody|bodyMaterial|subdomains)\b", said):
         return f"{grammar.uses(scene, first, -1 if 'twice' in said else 0)}: {said}"
-    if call := re.match(r'gmshLabel\("[^"]*"\)', said):
+    if call := re.match(r'gmsh(?:Label|Region)\("[^"]*"\)', said):
         return f"{grammar.place(scene, re.escape(call[0]))}: {said}"
     if file := re.search(r"[\w./-]+\.(geo|msh)\b|^\S+(?= is (a dir|not there)| has no tri)", said):
         return grammar.place(scene, re.escape(file[0]) + '"') + f": {said}"
@@ -142,6 +149,9 @@ def _misunderstood(error: re.Match, lines: list[str], scene: Path, folder: Path)
     if declared := _content_read(path, int(number), scene):
         return _wrong_content(declared, scene)
     remedy = _mixed(wrapper, scene, path.name, int(number)) or _by_name(scene, wrapper)
+    remedy = remedy or _pointless(" ".join(
+        each.content for source in grammar.sources(scene)
+        for each in grammar.definitions(source) if each.name == wrapper))
     if wrapper in rooms.vocabulary():
         remedy = remedy or HINTS.get(error[4].strip(), "")
         return (f"{grammar.place(scene, rf'macro {wrapper}')}: FreeFEM does not understand "
@@ -154,6 +164,7 @@ def _misunderstood(error: re.Match, lines: list[str], scene: Path, folder: Path)
     if name := _holding(error[4].strip(), path, scene):
         return (f"{grammar.place(scene, rf'macro {name}')}: FreeFEM does not understand "
                 f"{name}{token}{remedy}")
+    remedy = remedy or _of_line(_line(scene, path.name, int(number)), error[4].strip())
     if path.suffix not in (".edp", ".idp"):  # the end of the file
         path = scene
     said = next((words for start, words in MISTAKES if any(map(start.match, lines))), "")
@@ -163,10 +174,28 @@ def _misunderstood(error: re.Match, lines: list[str], scene: Path, folder: Path)
     if said == "syntax error" and _declares(scene, path.name, int(number), error[4].strip()):
         said = f"'{error[4].strip()}' is a word of FreeFEM's own: choose another name"
     elif said == MISTAKES[1][1] and (form := _form(_line(scene, path.name, int(number)))):
-        return f"{path.name} line {number}: {form}"
+        return f"{path.name} line {number}: {form}{remedy}"
     elif said == "syntax error" and (unfinished := _unfinished(scene, path.name, int(number))):
         said = f"syntax error; line {unfinished} may lack its ;"
     return f"FreeFEM failed in {path.name} line {number}{token}: {said}{remedy}"
+
+
+def _pointless(code: str) -> str:
+    """What to write instead of 0,3 or 210 000; empty where code has no such numbers."""
+    found = POINTLESS.findall(code)
+    return (f"; is {found[-1]} one number? numbers have a decimal point, no commas and no blanks: "
+            "0.3, 210000") if found else ""
+
+
+def _of_line(code: str, token: str) -> str:
+    """What to write instead of a word of a line of code that FreeFEM does not understand."""
+    if token == "'":
+        return '; texts stand in double quotes: "mm"'
+    if share := re.search(r"(\d[\d.]*)\s*%(?=\s*[,;)])", code):
+        return f"; write {share[1]} % as {float(share[1]) / 100:g}"
+    if cut := re.search(r"\bsubdomains\s*\(\s*(\w+)\s*\)", code):
+        return f'; it takes a text: subdomains("{cut[1]}")'
+    return _pointless(code)
 
 
 def _by_name(scene: Path, *macros: str | None) -> str:
@@ -176,7 +205,7 @@ def _by_name(scene: Path, *macros: str | None) -> str:
     contents = [each.content for source in grammar.sources(scene)
                 for each in grammar.definitions(source) if each.name in macros
                 or {"traction", "pressure"} & {*macros} & {*re.findall(r"\w+", each.content)}]
-    text = re.search(r'"((\w+)[^"]*)"', " ".join(contents))
+    text = re.search(r'"(([A-Za-z]\w*)[^"]*)"', " ".join(contents))
     return (f"; a label is a number: that of a curve with this name in a gmsh file is given by  "
             f'int {text[2]} = gmshLabel("{text[1]}");  after gmshBody') if text else ""
 
@@ -208,10 +237,11 @@ def _quoting(path: Path, scene: Path) -> str:
 def _form(code: str) -> str:
     """What is wrong with the call of the library's that a line makes; "" if it makes none."""
     for name in re.findall(r"\b(\w+)\s*\(", code):
-        for form, meaning in rooms.listed_calls(environment.LIBRARY / "scene.idp"):
-            if form.startswith(f"{name}("):
-                return (f"{name} is called with arguments of a wrong number or kind: {form}  "
-                        f"{meaning}")
+        for file in ("scene.idp", "gmsh.idp"):
+            for form, meaning in rooms.listed_calls(environment.LIBRARY / file):
+                if re.search(rf"\b{name}\(", form):
+                    return (f"{name} is called with arguments of a wrong number or kind: {form}  "
+                            f"{meaning}")
     return ""
 
 
@@ -301,7 +331,7 @@ def _after_unfinished(scene: Path, name: str) -> str:
 def _unknown(name: str, error: re.Match | None, scene: Path) -> str:
     """A name that means nothing: a typing error, or an include that is missing."""
     hint = ""
-    if name in ("gmshBody", "gmshNumber"):
+    if name in ("gmshBody", "gmshNumber", "gmshLabel", "gmshRegion"):
         hint = '; it needs  include "gmsh.idp"  after scene.idp'
     elif name == "t":
         hint = "; the time is the argument of an amplitude: macro amplitude1(t) ... //"
@@ -338,8 +368,13 @@ def _wrong_call(name: str, scene: Path) -> str:
     """A macro that is called with another number of arguments than it has."""
     form = dict(library_words()).get(name)
     place = grammar.uses(scene, name)
+    texts = [each.content[call.end():] for source in grammar.sources(scene)
+             for each in grammar.definitions(source)
+             for call in re.finditer(rf"\b{name}\s*\(", each.content)]
+    many = [text for text in texts if form and len(_arguments(text)) > len(form.split(","))]
     return f"{place}: {name} is called with a wrong number of arguments" + (
-        f": it is {name}{form}" if form else "")
+        f": it is {name}{form}" if form else "") + _pointless(many[0].split(")")[0] if many else "")
+
 
 
 def _wrong_content(name: str, scene: Path) -> str:

@@ -20,7 +20,8 @@ MEANINGS = (
     (r"exec assert", "an assert that does not hold"),
     (r"triangles was reverse", "movemesh turns triangles over or makes them flat"),
     (r"Error mshptg8_|max nb points", "a mesh without cells: square needs one cell a side at "
-                                      "least; is the element size (H) far too large?"),
+                                      "least; is the element size (H) far too large? trunc needs "
+                                      "a region that the mesh has"),
     (r"boundary is not closed", "borders that do not close a curve"),
     (r"boundary is crossing", "borders that cross one another"),
     (r"wrong direction", "a border that runs the wrong way round, as the body must lie on its "

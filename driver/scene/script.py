@@ -78,6 +78,9 @@ def check_names(scene: Path) -> None:
             if reason := _macro_fault(macro.name, code, known):
                 raise InputError(f"{source.path.name} line {macro.line}: {reason}")
         for number, line in enumerate(source.lines, 1):
+            formula = re.match(r"\s*func\s+(\w+)\s*=", line)
+            if reason := _variable_fault(formula[1], own, code) if formula else "":
+                raise InputError(f"{source.path.name} line {number}: {reason}")
             function = re.match(r"\s*func\s+\w+\s+(\w+)", line)
             if function and re.search(rf"^func \w+ {function[1]}\(", known.text, re.MULTILINE):
                 raise InputError(own_name(source.path, number, function[1]))

@@ -3,7 +3,7 @@
 # from all surfaces, which help to draw, are left out.
 #
 # `foreign`: the mesh was not made by gmsh just now, but is a file; `names`: a file to be written,
-# with the names of the physical curves.
+# with the names of the physical curves and surfaces.
 #
 # FreeFEM's own gmshload stops at triangles that run clockwise or are smaller than 1e-8 in the
 # scene's units. What is wrong goes to the standard error, in a word or two: elements of another
@@ -13,10 +13,10 @@
   part = $1 == "$Nodes" ? 1 : $1 == "$Elements" ? 2 : $1 == "$PhysicalNames" ? 3 : 0
   next
 }
-part == 3 && $1 == 1 && NF > 2 {
+part == 3 && ($1 == 1 || $1 == 2) && NF > 2 {
   name = $0; sub(/^[^"]*"/, "", name); sub(/"[^"]*$/, "", name)
   gsub(/[\\"\t\r]/, "", name)  # no letters that a text in quotes cannot have
-  named[++curves_named] = $2 "\n" name
+  named[$1, ++count_named[$1]] = $2 "\n" name
   next
 }
 part == 1 && NF == 4 {
@@ -113,8 +113,10 @@ END {
   for (i in bare) apart = 1
   if (foreign) apart = 1
   if (measure() || apart) {leave_out(); measure()}
-  if (names) print curves_named + 0 > names
-  for (i = 1; i <= curves_named; ++i) print named[i] > names
+  for (kind = 1; names && kind <= 2; ++kind) {
+    print count_named[kind] + 0 > names
+    for (i = 1; i <= count_named[kind]; ++i) print named[kind, i] > names
+  }
   print nodes + 0, triangles + 0, edges + 0
   for (i = 1; i <= nodes; ++i) print place[i], 0
   for (i = 1; i <= triangles; ++i) print triangle[i]

@@ -312,11 +312,12 @@ include "export.idp"
 
 @pytest.mark.parametrize("text, old, new, reason", [
     (SIDE, "[1 + x, y]", "[1.2 + x, y]", "tied boundaries 11 and 21 do not lie on one another"),
-    (SIDE, "11, 21 //", "5, 21 //", "label 5 is declared for contact and tied"),
+    (SIDE, "11, 21 //", "5, 21 //", "label 5 is declared for contact and tied: a boundary has one "
+     "law; give its parts labels of their own"),
     (SIDE, "11, 21 //", "11 //", "tie expects pairs of labels"),
     (SIDE, "11, 21 //", "11, 21, 11, 2 //", "tie names label 11 twice"),
     (SIDE, "tie() 11, 21 //", "tie() 11, 21 //\nmacro periodic() 21, 4 //",
-     "label 21 is periodic and tied"),
+     "label 21 is periodic and tied: a boundary has one law; give its parts labels of their own"),
     (STRIP % (5, 5), "periodic() 4, 2", "periodic() 4, 3", "are no translates of one another"),
     (STRIP % (5, 5), "periodic() 4, 2", "periodic() 4, 9", "no boundary with label 9"),
     (ONE_EDGE, "", "", "constrain all nodes of 2: take a finer mesh"),

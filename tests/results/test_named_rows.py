@@ -2,6 +2,9 @@
 
 from types import SimpleNamespace
 
+import numpy as np
+
+from driver.figures import geometry, history
 from driver.figures.reading import Run
 from driver.report import run as page_of_run
 from driver.results import screen, summary
@@ -32,5 +35,24 @@ def test_names_stand_beside_their_labels():
     table = page_of_run._rows({"boundaries": found, "units": UNITS}, "boundaries", "boundary",
                               BOUNDARIES)
     assert "7 &#x27;foot&#x27;" in table and "12 &#x27;a $ b&#x27;" in table
-    run = Run({"boundaries": found}, *[None] * 6)
+    run = Run({"label_names": {"7": "foot", "12": "a $ b"}}, *[None] * 6)
     assert [run.label_name(k) for k in (7, 12, 1)] == ["7 'foot'", r"12 'a \$ b'", "1"]
+
+
+def test_names_explain_the_numbers_in_figures():
+    """In the picture of the scene in the colour of the number, in that of loops beside it."""
+    run = Run({"label_names": {"7": "foot", "12": "a $ b"}}, *[None] * 6)
+    roles = np.array(["free", "contact", "free", "support"])
+    found = geometry._label_names(run, np.array([7, 7, 1, 12]), roles)
+    assert [(one.get_marker(), one.get_label()) for one in found] == [
+        ("$7$", "foot"), ("$12$", r"a \$ b")]
+    assert [one.get_color() for one in found] == [geometry.LINES[k] for k in ("contact", "support")]
+    assert [history._probe_name(run, name) for name in ("label7", "label1", "point2")] == [
+        "label 7 'foot'", "label 1", "point 2"]
+
+
+def test_scenes_without_names_and_with_many_have_none_in_the_legend():
+    none, many = Run({}, *[None] * 6), {str(k): f"side {k}" for k in range(20)}
+    labels, roles = np.arange(20), np.array(["free"] * 20)
+    assert geometry._label_names(none, labels, roles) == []
+    assert geometry._label_names(Run({"label_names": many}, *[None] * 6), labels, roles) == []

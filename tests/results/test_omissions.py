@@ -292,3 +292,15 @@ def test_a_load_on_what_supports_hold_is_said(run_of, load, ways):
                 if "it moves nothing" in line]
         assert [line.split(" only on")[0] for line in said] == (
             [f"load2 acts along {ways}"] if ways else [])
+
+
+def test_a_coefficient_that_looks_like_a_percentage_is_said():
+    """Beyond any that is measured; 1e6, for contact that does not slip, is none."""
+    def said(*friction):
+        some = SimpleNamespace(gid=(), label=np.array([3, 8]),
+                               columns={"friction": np.array(friction)})
+        return omissions.warnings(some, {"gap", "friction"}, [1.0], Settings(), 1.0,
+                                  {"length": "mm", "stress": "MPa"})
+
+    assert said(0.3, 30.0) == ["friction is 30 on contact label 8: if percent are meant, write 0.3"]
+    assert said(0.3, 5.0) == said(0.0, 0.0) == said(1e6, 1e6) == []

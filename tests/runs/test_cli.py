@@ -109,6 +109,13 @@ def test_unknown_command(command):
     assert "solve" not in done.stderr
 
 
+def test_options_with_dashes_are_refused_in_one_line(command):
+    done = command("run", "SCENE=model", "--friction=0.2")
+    assert done.returncode == 2
+    assert done.stderr.splitlines() == ["error: '--friction=0.2' is not of the form NAME=VALUE: "
+                                        "options have no dashes, as in FRICTION=0.2"]
+
+
 @pytest.mark.parametrize("closed, ranks", [("2>&-", 2), (">&- 2>&- <&-", 1)])
 @pytest.mark.some(1)
 def test_closed_streams_are_no_mistake(tmp_path, closed, ranks):

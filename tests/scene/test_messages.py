@@ -673,6 +673,12 @@ def test_a_variable_in_place_of_a_macro_is_refused_beside_a_parameter_of_its_nam
     assert "nothing reads 'friction': what a scene declares is given by macros" in words
 
 
+def test_a_formula_in_place_of_a_macro_is_refused(said):
+    words = said(("macro young() 1000. //", "func young = 1000. + x;"))
+    assert "nothing reads 'young': what a scene declares is given by macros: macro young()" in words
+    assert place(words) == 7
+
+
 @pytest.mark.parametrize("old, new, words", [
     ("macro young() 1000. //", "macro young() (nuTriangle < 9 ? 1e3 : 2e3) //",
      "young asks for nuTriangle, which"),
@@ -1265,3 +1271,9 @@ def test_labels_of_lines_inside_a_body(said, declared):
 def test_labels_of_loads_are_whole_numbers(said):
     """FreeFEM would drop their decimals, and load the label that is left."""
     assert "no boundary with label 3.7" in said(("traction(3,", "traction(3.7,"))
+
+
+def test_a_rectangle_beside_bodies_is_said_before_their_materials(said):
+    message = said(("quasistatic", 'bodyMaterial("one", 1e3, 0.3);\naddBody(square(2, 2))\n'
+                    'bodyMaterial("two", 1e3, 0.3);\nquasistatic'), parameters={})
+    assert "rectangle(...) and addBody(...) are both called" in message and place(message) == 5
