@@ -194,14 +194,14 @@ class FreeBodies:
 
         `gradient` is that at the state. None move where no motion clears all. Collective.
         """
-        op = self.operator
+        op, whiten = self.operator, self._measure[2]  # which all ranks make together
         normal = np.column_stack(op.motions)[self.rows.normal]
         place = self.rows.normal + op.structure.row_range[0]
         rows = op.comm.gather((place, normal, gradient[self.rows.normal]))
         change = np.zeros(op.modes)
         if op.comm.rank == 0:
             place, normal, room = (np.concatenate(part) for part in zip(*rows))
-            order, whiten = np.argsort(place), self._measure[2]
+            order = np.argsort(place)
             moved = least_distance(normal[order] @ whiten, room[order])
             if moved is not None:
                 change = whiten @ moved
