@@ -96,6 +96,21 @@ def test_where_rigid_motions_may_go():
     assert beside.tolist() == [11]
 
 
+@pytest.mark.parametrize("rank", (0, 1))
+def test_all_ranks_ask_for_the_measure_of_motions_by_which_bodies_leave(rank, monkeypatch):
+    """They make it together: ranks that did not would leave the first one waiting for ever."""
+    asked = []
+    monkeypatch.setattr(FreeBodies, "_measure", property(
+        lambda self: asked.append(rank) or (None, None, np.eye(1))))
+    monkeypatch.setattr(FreeBodies, "shift", lambda self, load, change: change)
+    comm = SimpleNamespace(rank=rank, gather=lambda part: None if rank else [part],
+                           bcast=lambda change: np.array([2.0]) if rank else change)
+    # the first row lacks 3, the second has room
+    moved = free([mode()], [[-1.5, 1.0, 0.0, 0.0]], comm=comm).leave(
+        None, np.array([-3.0, 4.0, 0.0, 0.0]))
+    assert asked == [rank] and moved.tolist() == [2.0]
+
+
 @pytest.mark.parametrize("x, loose", [
     ([4.0, 0, 1, 0], False), ([4.0, 0, 2, 0], True), ([0.0, 0, 0, 0], True), ([4.0, 4, 2, 1], True),
     ([4.0, 4, 2, -1], False)])
