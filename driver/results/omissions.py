@@ -54,7 +54,8 @@ def warnings(boundary: ContactBoundary, declared, displacements: list[float],
 
 def far_moves(structure, displacements: list[float], amplitudes: np.ndarray, comm) -> list[str]:
     """A sentence where bodies without support move by several times the size of all of them beyond
-    what supports move by with the `amplitudes` (steps, patterns) of a run. Collective over `comm`.
+    what supports and obstacles move by with the `amplitudes` (steps, patterns) of a run. Collective
+    over `comm`.
     """
     size = structure.travel.bodies.size.max(initial=0.0)
     largest = max(displacements, default=0.0)
@@ -68,12 +69,17 @@ def far_moves(structure, displacements: list[float], amplitudes: np.ndarray, com
 
 
 def _prescribed(structure, amplitudes: np.ndarray, comm) -> float:
-    """The largest displacement that supports prescribe in a run, or a little more."""
-    travel = structure.travel.motion
+    """The largest displacement that supports and obstacles prescribe in a run, or a little more."""
+    travel, obstacles = structure.travel.motion, structure.contact.motion_of_all_times
+    carried = 0.0  # what lies on an obstacle goes with it
+    if obstacles is not None:
+        arm = np.linalg.norm(obstacles.xy - obstacles.pivot, axis=1)
+        carried = (np.linalg.norm(obstacles.shift, axis=-1)
+                   + np.abs(obstacles.angle) * arm).max(initial=0.0)
     given = [np.abs(amplitudes @ values).max(initial=0.0) for values in structure.fixed_values]
     moved = np.tensordot(amplitudes[:, :len(travel)], travel, axes=1)
     return float(np.sqrt(2.0) * max(comm.allgather(max(given, default=0.0)))
-                 + np.abs(moved).sum(axis=-1).max(initial=0.0))
+                 + np.abs(moved).sum(axis=-1).max(initial=0.0) + carried)
 
 
 def far_gaps(structure, declared) -> list[str]:

@@ -263,6 +263,22 @@ def test_a_distance_in_another_unit_is_said(run_of, macro, text):
         assert not far or said[0].startswith(f"{macro} keeps contact label ")
 
 
+BELT = """include "scene.idp"
+units("mm", "MPa");
+subdomains("2x1");
+quasistatic(1.);
+rectangle(0., 1., 0., 1.);
+macro young() 1000. //
+macro poisson() 0.3 //
+macro load1() traction(3, 0., -1.) //
+macro amplitude1(t) 1. //
+macro contact() 1 //
+macro friction() 0.5 //
+macro obstacleX(t) (20.*t) //
+include "export.idp"
+"""
+
+
 def test_a_body_that_begins_far_away_is_said(run_of):
     """As one drawn in another unit; its fall onto the other is no deformation."""
     said = {bottom: run_of(BLOCKS.format(bottom=bottom, more="")).summary["warnings"]
@@ -278,6 +294,12 @@ def test_a_body_that_a_support_moves_far_is_not_said_to_be_far_away(run_of):
                               ("macro displacement1() on(13, u1 = 0.) //", 30.0, True)):
         said = run_of(BLOCKS.format(bottom=bottom, more=more)).summary["warnings"]
         assert any("without support moves by" in line for line in said) == far
+
+
+def test_a_body_that_an_obstacle_carries_far_is_not_said_to_be_far_away(run_of):
+    """A belt carries what lies on it."""
+    said = run_of(BELT, cells=1, steps=1).summary["warnings"]
+    assert not any("without support moves by" in line for line in said)
 
 
 @pytest.mark.parametrize("load, ways", [
