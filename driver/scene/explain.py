@@ -148,11 +148,11 @@ def _misunderstood(error: re.Match, lines: list[str], scene: Path, folder: Path)
     if declared := _content_read(path, int(number), scene):
         return _wrong_content(declared, scene)
     remedy = _mixed(wrapper, scene, path.name, int(number)) or _by_name(scene, wrapper)
-    remedy = remedy or numerals.pointless(" ".join(
-        each.content for source in grammar.sources(scene)
-        for each in grammar.definitions(source) if each.name == wrapper), error[4].strip())
+    content = " ".join(each.content for source in grammar.sources(scene)
+                       for each in grammar.definitions(source) if each.name == wrapper)
+    remedy = remedy or numerals.pointless(content, error[4].strip())
     if wrapper in rooms.vocabulary():
-        remedy = remedy or HINTS.get(error[4].strip(), "")
+        remedy = remedy or _hint(error[4].strip(), content)
         return (f"{grammar.place(scene, rf'macro {wrapper}')}: FreeFEM does not understand "
                 f"{wrapper}{token}{remedy}")
     if wrapper in dict(library_words()):
@@ -177,6 +177,13 @@ def _misunderstood(error: re.Match, lines: list[str], scene: Path, folder: Path)
     elif said == "syntax error" and (unfinished := _unfinished(scene, path.name, int(number))):
         said = f"syntax error; line {unfinished} may lack its ;"
     return f"FreeFEM failed in {path.name} line {number}{token}: {said}{remedy}"
+
+
+def _hint(token: str, content: str) -> str:
+    """What a token means that is not understood in the content of a macro; empty if unknown."""
+    begins = token != "=" or content.lstrip().startswith("=")
+    of_terms = token != "," or len(numerals.arguments(content)) > 1  # not inside a call
+    return HINTS.get(token, "") if begins and of_terms else ""
 
 
 def _of_line(code: str, token: str) -> str:

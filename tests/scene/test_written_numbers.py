@@ -54,6 +54,15 @@ def test_a_line_that_is_not_understood_says_what_to_write(code, token, words):
     assert words in said and bool(said) == bool(words)
 
 
+@pytest.mark.parametrize("token, content, words", [
+    ("=", " = 1000.", "without a ="), ("=", "on(4, u1 = 0., = 0.)", ""),
+    (",", "on(4, u1 = 0.), on(3, u2 = 0.)", "terms are added"),
+    (",", "on(4, u1 = 0.,, u2 = 0.)", ""), (",", "(x > 1 ? 0.1, 0.2)", "")])
+def test_a_token_has_a_hint_where_it_stands_for_a_mistake_alone(token, content, words):
+    said = explain._hint(token, content)
+    assert words in said and bool(said) == bool(words)
+
+
 def test_calls_of_the_gmsh_part_show_their_form():
     assert 'gmshBody("file.geo", h)' in explain._form('body = gmshBody("mine.geo");')
     assert 'gmshNumber("name", value)' in explain._form('gmshNumber("h", "fine");')
