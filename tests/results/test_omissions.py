@@ -263,6 +263,20 @@ def test_a_distance_in_another_unit_is_said(run_of, macro, text):
         assert not far or said[0].startswith(f"{macro} keeps contact label ")
 
 
+def test_an_overlap_declared_to_an_obstacle_is_not_said_of_a_pair_of_the_same_label():
+    """A label may meet an obstacle in one place and a body in another: gap is for the first."""
+    paired = np.arange(8) >= 4
+    some = SimpleNamespace(
+        gid=np.arange(8), label=np.ones(8), paired=paired, gap=np.where(paired, 0.0, -0.05),
+        length=np.full(8, 0.01), xy=np.column_stack([np.arange(8.0), np.zeros(8)]),
+        normal=np.tile([0.0, -1.0], (8, 1)))
+    of = SimpleNamespace(declares=lambda paired: ~paired)
+    assert omissions.half_declared(some, {"gap": of}) == []
+    some.gap = np.where(paired, -0.05, 0.0)
+    line, = omissions.half_declared(some, {"gap": of})
+    assert "0.05 inside the other side" in line and "macro pairGap() 0." in line
+
+
 BELT = """include "scene.idp"
 units("mm", "MPa");
 subdomains("2x1");
