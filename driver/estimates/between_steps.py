@@ -18,6 +18,7 @@ HALF = 0.5  # of a step, by which a moment may be off where loads go beyond thei
 # of a history, between the times at which an export looks at an obstacle's (obstacle_motion.idp)
 SAMPLES = {"obstacleX": 1 / 160, "obstacleY": 1 / 160, "obstacleAngle": 1 / 160,
            "gapInTime": 1 / 80, "obstacleInTime": 1 / 80}
+SURFACES = "gapInTime", "obstacleInTime"  # distances, of which departures are parts of their change
 TANGENT = 2.0  # slope of a force over the mean one since contact began, at most
 CLOSE = 0.02  # part of a step by which a kink may miss its end
 
@@ -163,22 +164,27 @@ def _top(values: np.ndarray) -> float:
 
 
 def _ways_of_obstacles(motion, steps: int, ends: np.ndarray) -> list[tuple[np.ndarray, float]]:
-    """Of the history of every obstacle's shift or angle, of an ObstacleMotion, or if there is none
-    of the distance that changes most: its values at the steps `ends`, and how far it goes beyond
-    them. An export tells only by how much it departs most from its steps, and when, to a sample.
+    """Of the history of every obstacle's shift or angle, of an ObstacleMotion, and if there is none
+    or its surface changes of the distance that changes most: its values at the steps `ends`, and
+    how far it goes beyond them. An export tells only by how much it departs most from its steps,
+    and when, to a sample.
     """
     every, found = (len(motion.times) - 1) // steps, []
     if not every:  # fewer times than steps tell nothing
         return []
     parts = {"obstacleX": motion.shift[..., 0], "obstacleY": motion.shift[..., 1],
              "obstacleAngle": motion.angle}
-    if not any(values.any() for values in parts.values()) and len(motion.gap) == len(motion.times):
+    if len(motion.gap) == len(motion.times):
         most = np.ptp(motion.gap, axis=0).argmax(keepdims=True) if motion.gap.size else []
-        parts = dict.fromkeys(motion.missed, motion.gap[:, most])
+        moves = any(values.any() for values in parts.values())
+        names = motion.missed.keys() & SURFACES if moves else motion.missed
+        parts = (parts if moves else {}) | {name: motion.gap[:, most] for name in sorted(names)}
     times = motion.times[ends * every]
     for name, values in parts.items():
         size, when = motion.missed.get(name, (0.0, 0.0))
-        largest = np.abs(values).max(initial=0.0)
+        # that of which the size is a part; a whole one may be more than any change that steps show
+        start = values[0] if name in SURFACES and size < 1 else 0.0
+        largest = np.abs(values - start).max(initial=0.0)
         near = when + SAMPLES.get(name, 0.0) * motion.times[-1] * np.array([-1.0, 0.0, 1.0])
         _, first = np.unique(np.round(values / (largest or 1.0), 9).T, axis=0, return_index=True)
         for column in values.T[first]:

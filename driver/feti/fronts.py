@@ -210,7 +210,7 @@ class GluingElimination:
         if self._operator.modes:
             pinned = np.flatnonzero(
                 np.isin(self._operator.structure.corner_global[s], self._operator.coarse.pins))
-            place = len(c.F) + pinned
+            place = len(c.A) + pinned  # F would be a copy
             matrix[place] = matrix[:, place] = 0.0
             matrix[place, place] = -c.corner_stiffness[pinned]  # S may have but rounding there
         return matrix[np.ix_(order, order)]

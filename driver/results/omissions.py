@@ -44,7 +44,7 @@ def warnings(boundary: ContactBoundary, declared, displacements: list[float],
         said.append("the factor of slip changes nothing: the coefficient of friction that it "
                     "multiplies is zero everywhere, and cohesion does not change with slip")
     if "gap" not in declared:
-        said += _of_no_distance(boundary, set(declared))
+        said += _of_no_distance(boundary, set(declared), np.ones(len(boundary.gid), bool))
     for name, limit in (("rtol", COARSE), ("friction_rtol", 10 * COARSE)):
         if getattr(settings, name) > limit:
             said.append(f"{name.upper()}={getattr(settings, name):g} is too coarse for meaningful "
@@ -54,7 +54,8 @@ def warnings(boundary: ContactBoundary, declared, displacements: list[float],
 
 def far_moves(structure, displacements: list[float], amplitudes: np.ndarray, comm) -> list[str]:
     """A sentence where bodies without support move by several times the size of all of them beyond
-    what supports move by with the `amplitudes` (steps, patterns) of a run. Collective over `comm`.
+    what supports and obstacles move by with the `amplitudes` (steps, patterns) of a run. Collective
+    over `comm`.
     """
     size = structure.travel.bodies.size.max(initial=0.0)
     largest = max(displacements, default=0.0)
@@ -68,12 +69,17 @@ def far_moves(structure, displacements: list[float], amplitudes: np.ndarray, com
 
 
 def _prescribed(structure, amplitudes: np.ndarray, comm) -> float:
-    """The largest displacement that supports prescribe in a run, or a little more."""
-    travel = structure.travel.motion
+    """The largest displacement that supports and obstacles prescribe in a run, or a little more."""
+    travel, obstacles = structure.travel.motion, structure.contact.motion_of_all_times
+    carried = 0.0  # what lies on an obstacle goes with it
+    if obstacles is not None:
+        arm = np.linalg.norm(obstacles.xy - obstacles.pivot, axis=1)
+        carried = (np.linalg.norm(obstacles.shift, axis=-1)
+                   + np.abs(obstacles.angle) * arm).max(initial=0.0)
     given = [np.abs(amplitudes @ values).max(initial=0.0) for values in structure.fixed_values]
     moved = np.tensordot(amplitudes[:, :len(travel)], travel, axes=1)
     return float(np.sqrt(2.0) * max(comm.allgather(max(given, default=0.0)))
-                 + np.abs(moved).sum(axis=-1).max(initial=0.0))
+                 + np.abs(moved).sum(axis=-1).max(initial=0.0) + carried)
 
 
 def far_gaps(structure, declared) -> list[str]:
@@ -239,22 +245,21 @@ def half_declared(b: ContactBoundary, rooms: dict) -> list[str]:
     if "gap" not in rooms:
         return []
     lacks = ~rooms["gap"].declares(b.paired)
-    return _of_no_distance(b, set(rooms), np.unique(b.label[lacks])) if lacks.any() else []
+    return _of_no_distance(b, set(rooms), lacks)
 
 
-def _of_no_distance(b: ContactBoundary, declared: set[str], labels=None) -> list[str]:
-    """Of boundaries whose distance no scene declares: those with `labels`, by default all."""
-    if not len(b.gid):
+def _of_no_distance(b: ContactBoundary, declared: set[str], lacks: np.ndarray) -> list[str]:
+    """Of boundaries with nodes that `lacks` (n_c,) marks, whose distance no scene declares."""
+    if not lacks.any():
         return []
-    labels = np.unique(b.label) if labels is None else labels
-    return [*_overlaps(b, labels, declared), *([] if SHAPED & declared else _moulds(b, labels))]
+    return [*_overlaps(b, lacks, declared), *([] if SHAPED & declared else _moulds(b, lacks))]
 
 
-def _moulds(b: ContactBoundary, labels) -> list[str]:
+def _moulds(b: ContactBoundary, lacks: np.ndarray) -> list[str]:
     """Of every round boundary whose rigid obstacle has its shape, as none is declared."""
-    said = []
-    for label in np.intersect1d(b.label[~b.paired], labels):
-        normal = b.normal[(b.label == label) & ~b.paired]
+    said, here = [], lacks & ~b.paired
+    for label in np.unique(b.label[here]):
+        normal = b.normal[(b.label == label) & here]
         turns = np.einsum("ij,ij->i", normal[1:], normal[:-1])
         if len(turns) and turns.min() > SMOOTH and (normal @ normal[0]).min() < ROUND:
             said.append(
@@ -264,11 +269,11 @@ def _moulds(b: ContactBoundary, labels) -> list[str]:
     return said
 
 
-def _overlaps(b: ContactBoundary, labels, declared: set[str]) -> list[str]:
+def _overlaps(b: ContactBoundary, lacks: np.ndarray, declared: set[str]) -> list[str]:
     """Of every boundary that starts inside what it meets, beyond what facets of curves do."""
     said, size = [], float(np.linalg.norm(np.ptp(b.xy, axis=0)))
-    for label in labels:
-        own = b.label == label
+    for label in np.unique(b.label[lacks]):
+        own = (b.label == label) & lacks
         deep = -(b.gap[own] + FACETS * b.length[own])
         if deep.max() > 0 and -b.gap[own].min() > OVERLAP * size:
             place = b.xy[own][np.argmin(b.gap[own])]

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from .. import environment
 from ..text import near
-from . import declarations, grammar, rooms, run_time, script
+from . import declarations, grammar, numerals, rooms, run_time, script
 
 COMPILE_ERROR = re.compile(r"Error line number\s*(\d+), in file\s+(macro: \w+ in )?(\S+?), "
                            r"before\s+token\s*(.*)")
@@ -28,7 +28,6 @@ HINTS = {";": ": the content of a macro ends at its //, without a ;",  # by the 
          "=": ": the content of a macro follows its parentheses, without a ="}
 HINTS |= {unit: ": numbers have no unit; units(...) names those of the scene" for unit in (
     "um", "mm", "cm", "m", "Pa", "kPa", "MPa", "GPa", "N", "kN")}
-POINTLESS = re.compile(r"(?<![\w.,])\d+(?:,\d+|[' ]\d{3}\b)(?![\w,.]*\()")  # 0,3 or 210 000
 
 
 def library_words() -> list[tuple[str, str]]:
@@ -149,11 +148,11 @@ def _misunderstood(error: re.Match, lines: list[str], scene: Path, folder: Path)
     if declared := _content_read(path, int(number), scene):
         return _wrong_content(declared, scene)
     remedy = _mixed(wrapper, scene, path.name, int(number)) or _by_name(scene, wrapper)
-    remedy = remedy or _pointless(" ".join(
-        each.content for source in grammar.sources(scene)
-        for each in grammar.definitions(source) if each.name == wrapper))
+    content = " ".join(each.content for source in grammar.sources(scene)
+                       for each in grammar.definitions(source) if each.name == wrapper)
+    remedy = remedy or numerals.pointless(content, error[4].strip())
     if wrapper in rooms.vocabulary():
-        remedy = remedy or HINTS.get(error[4].strip(), "")
+        remedy = remedy or _hint(error[4].strip(), content)
         return (f"{grammar.place(scene, rf'macro {wrapper}')}: FreeFEM does not understand "
                 f"{wrapper}{token}{remedy}")
     if wrapper in dict(library_words()):
@@ -180,11 +179,11 @@ def _misunderstood(error: re.Match, lines: list[str], scene: Path, folder: Path)
     return f"FreeFEM failed in {path.name} line {number}{token}: {said}{remedy}"
 
 
-def _pointless(code: str) -> str:
-    """What to write instead of 0,3 or 210 000; empty where code has no such numbers."""
-    found = POINTLESS.findall(code)
-    return (f"; is {found[-1]} one number? numbers have a decimal point, no commas and no blanks: "
-            "0.3, 210000") if found else ""
+def _hint(token: str, content: str) -> str:
+    """What a token means that is not understood in the content of a macro; empty if unknown."""
+    begins = token != "=" or content.lstrip().startswith("=")
+    of_terms = token != "," or len(numerals.arguments(content)) > 1  # not inside a call
+    return HINTS.get(token, "") if begins and of_terms else ""
 
 
 def _of_line(code: str, token: str) -> str:
@@ -195,7 +194,7 @@ def _of_line(code: str, token: str) -> str:
         return f"; write {share[1]} % as {float(share[1]) / 100:g}"
     if cut := re.search(r"\bsubdomains\s*\(\s*(\w+)\s*\)", code):
         return f'; it takes a text: subdomains("{cut[1]}")'
-    return _pointless(code)
+    return numerals.pointless(code, token)
 
 
 def _by_name(scene: Path, *macros: str | None) -> str:
@@ -236,12 +235,13 @@ def _quoting(path: Path, scene: Path) -> str:
 
 def _form(code: str) -> str:
     """What is wrong with the call of the library's that a line makes; "" if it makes none."""
-    for name in re.findall(r"\b(\w+)\s*\(", code):
+    for call in re.finditer(r"\b(\w+)\s*\(", code):
+        name = call[1]
         for file in ("scene.idp", "gmsh.idp"):
             for form, meaning in rooms.listed_calls(environment.LIBRARY / file):
                 if re.search(rf"\b{name}\(", form):
                     return (f"{name} is called with arguments of a wrong number or kind: {form}  "
-                            f"{meaning}")
+                            f"{meaning}{numerals.too_many(code[call.end():], form)}")
     return ""
 
 
@@ -280,26 +280,12 @@ def _mixed(macro: str | None, scene: Path, name: str, number: int) -> str:
                 for each in grammar.definitions(source) if each.name == macro]
     for code in contents or [_line(scene, name, number)]:
         for call in re.finditer(r"\b(min|max)\s*\(", code):
-            parts = _arguments(code[call.end():])
+            parts = numerals.arguments(code[call.end():])
             whole = [re.fullmatch(r"-?\d+", part) is not None for part in parts]
             if len(parts) == 2 and whole[0] != whole[1]:
                 written = ", ".join(f"{part}." if of else part for part, of in zip(parts, whole))
                 return f"; {call[1]} takes two reals: write {call[1]}({written})"
     return ""
-
-
-def _arguments(code: str) -> list[str]:
-    """Arguments of a call, given what follows its parenthesis."""
-    parts, depth = [""], 0
-    for letter in code:
-        depth += (letter in "([") - (letter in ")]")
-        if depth < 0:
-            break
-        if letter == "," and depth == 0:
-            parts.append("")
-        else:
-            parts[-1] += letter
-    return [part.strip() for part in parts]
 
 
 def _unfinished(scene: Path, name: str, number: int) -> int:
@@ -368,13 +354,13 @@ def _wrong_call(name: str, scene: Path) -> str:
     """A macro that is called with another number of arguments than it has."""
     form = dict(library_words()).get(name)
     place = grammar.uses(scene, name)
-    texts = [each.content[call.end():] for source in grammar.sources(scene)
-             for each in grammar.definitions(source)
-             for call in re.finditer(rf"\b{name}\s*\(", each.content)]
-    many = [text for text in texts if form and len(_arguments(text)) > len(form.split(","))]
-    return f"{place}: {name} is called with a wrong number of arguments" + (
-        f": it is {name}{form}" if form else "") + _pointless(many[0].split(")")[0] if many else "")
-
+    said = f"{place}: {name} is called with a wrong number of arguments"
+    if not form:
+        return said
+    remedies = [numerals.too_many(each.content[call.end():], form)
+                for source in grammar.sources(scene) for each in grammar.definitions(source)
+                for call in re.finditer(rf"\b{name}\s*\(", each.content)]
+    return f"{said}: it is {name}{form}{next(filter(None, remedies), '')}"
 
 
 def _wrong_content(name: str, scene: Path) -> str:

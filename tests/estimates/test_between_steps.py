@@ -282,6 +282,26 @@ def test_a_force_is_open_by_what_an_obstacle_does_between_the_steps(rigid, finer
     assert with_motion == without
 
 
+@pytest.mark.parametrize("moves", [False, True])
+@pytest.mark.parametrize("far", [0.0, -0.5, -20.0])
+def test_a_surface_that_turns_between_steps_counts_beside_a_motion(moves, far):
+    """What is missed of its distance is a part of the change, wherever it begins: from 0.5 to -0.5
+    half of it was taken, and nothing beside an obstacle that also slides.
+    """
+    def history(t):
+        return t / 0.32 if t < 0.32 else 1.0 - 0.68 * (t - 0.32)
+
+    motion = obstacles(history, 6, rigid=False, far=far, t_end=1.0)
+    if moves:
+        motion.shift[..., 0] = motion.times[:, None]
+    ends, chord = np.array([1, 2, 3]), np.interp(0.3177, [1 / 6, 2 / 6],
+                                                 [history(1 / 6), history(2 / 6)])
+    motion.missed = {"gapInTime": ((history(0.3177) - chord) / history(2 / 6), 0.3177)}
+    beyond = max(excess for _, excess in between_steps._ways_of_obstacles(motion, 6, ends))
+    missed = history(0.32) - history(2 / 6)
+    assert missed <= beyond <= 10 * missed
+
+
 @pytest.mark.parametrize("turn, steps, said", [
     (360.0, 40, "by 9 rad, 1.4 turns, in step 1:"), (360.0, 400, ""),
     (2 * np.pi, 2, "by 3.14 rad, 0.5 turns, in step 1:"), (2 * np.pi, 3, ""), (0.0, 5, "")])

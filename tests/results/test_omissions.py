@@ -263,6 +263,36 @@ def test_a_distance_in_another_unit_is_said(run_of, macro, text):
         assert not far or said[0].startswith(f"{macro} keeps contact label ")
 
 
+def test_an_overlap_declared_to_an_obstacle_is_not_said_of_a_pair_of_the_same_label():
+    """A label may meet an obstacle in one place and a body in another: gap is for the first."""
+    paired = np.arange(8) >= 4
+    some = SimpleNamespace(
+        gid=np.arange(8), label=np.ones(8), paired=paired, gap=np.where(paired, 0.0, -0.05),
+        length=np.full(8, 0.01), xy=np.column_stack([np.arange(8.0), np.zeros(8)]),
+        normal=np.tile([0.0, -1.0], (8, 1)))
+    of = SimpleNamespace(declares=lambda paired: ~paired)
+    assert omissions.half_declared(some, {"gap": of}) == []
+    some.gap = np.where(paired, -0.05, 0.0)
+    line, = omissions.half_declared(some, {"gap": of})
+    assert "0.05 inside the other side" in line and "macro pairGap() 0." in line
+
+
+BELT = """include "scene.idp"
+units("mm", "MPa");
+subdomains("2x1");
+quasistatic(1.);
+rectangle(0., 1., 0., 1.);
+macro young() 1000. //
+macro poisson() 0.3 //
+macro load1() traction(3, 0., -1.) //
+macro amplitude1(t) 1. //
+macro contact() 1 //
+macro friction() 0.5 //
+macro obstacleX(t) (20.*t) //
+include "export.idp"
+"""
+
+
 def test_a_body_that_begins_far_away_is_said(run_of):
     """As one drawn in another unit; its fall onto the other is no deformation."""
     said = {bottom: run_of(BLOCKS.format(bottom=bottom, more="")).summary["warnings"]
@@ -278,6 +308,12 @@ def test_a_body_that_a_support_moves_far_is_not_said_to_be_far_away(run_of):
                               ("macro displacement1() on(13, u1 = 0.) //", 30.0, True)):
         said = run_of(BLOCKS.format(bottom=bottom, more=more)).summary["warnings"]
         assert any("without support moves by" in line for line in said) == far
+
+
+def test_a_body_that_an_obstacle_carries_far_is_not_said_to_be_far_away(run_of):
+    """A belt carries what lies on it."""
+    said = run_of(BELT, cells=1, steps=1).summary["warnings"]
+    assert not any("without support moves by" in line for line in said)
 
 
 @pytest.mark.parametrize("load, ways", [

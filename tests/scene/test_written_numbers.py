@@ -3,7 +3,7 @@
 import pytest
 
 from driver.errors import InputError
-from driver.scene import explain, freefem
+from driver.scene import explain, freefem, numerals
 
 SCENE = """include "scene.idp"
 real F = physical("friction", 0.3);
@@ -25,8 +25,23 @@ include "export.idp"
     ("(3, 0., -100,5)", "100,5"), ("0.3", ""), ("min(1., 2*t)", ""), ("[1, 2]", ""), ("7 // 3", ""),
     ("traction(3, 2., -10.)", ""), ("1.5*t", ""), ("x > 2 && y < 3", "")])
 def test_a_comma_or_a_blank_inside_a_number_is_named(code, number):
-    said = explain._pointless(code)
+    said = numerals.pointless(code)
     assert said == "" if not number else said.startswith(f"; is {number} one number?")
+
+
+@pytest.mark.parametrize("code, token, found", [
+    ("on(4,1,u1=0.,u2==)", ")", False), ("1,2 3", "3", False), (" = 1,2", "=", False),
+    ("210,5", "5", True), ("210 000", "000", True)])
+def test_labels_without_blanks_are_no_number_with_a_comma(code, token, found):
+    assert bool(numerals.pointless(code, token)) == found
+
+
+@pytest.mark.parametrize("call, found", [
+    ('rectangle(0,2,0,"a");', False), ("rectangle(0,2,0,1,2);", False),
+    ("rectangle(0, 2, 0, 1, 2);", False),
+    ("rectangle(0., 2,5, 0., 1.);", True), ("rectangle(0,5, 2,5, sin(1.), 1.);", True)])
+def test_commas_of_a_call_are_asked_about_if_they_are_too_many(call, found):
+    assert ("one number?" in explain._form(call)) == found
 
 
 @pytest.mark.parametrize("code, token, words", [
@@ -36,6 +51,15 @@ def test_a_comma_or_a_blank_inside_a_number_is_named(code, number):
     ("int k = n % 2;", ";", "")])
 def test_a_line_that_is_not_understood_says_what_to_write(code, token, words):
     said = explain._of_line(code, token)
+    assert words in said and bool(said) == bool(words)
+
+
+@pytest.mark.parametrize("token, content, words", [
+    ("=", " = 1000.", "without a ="), ("=", "on(4, u1 = 0., = 0.)", ""),
+    (",", "on(4, u1 = 0.), on(3, u2 = 0.)", "terms are added"),
+    (",", "on(4, u1 = 0.,, u2 = 0.)", ""), (",", "(x > 1 ? 0.1, 0.2)", "")])
+def test_a_token_has_a_hint_where_it_stands_for_a_mistake_alone(token, content, words):
+    said = explain._hint(token, content)
     assert words in said and bool(said) == bool(words)
 
 
