@@ -215,3 +215,23 @@ def test_variables_with_the_name_of_a_declaration(tmp_path, old, new, words):
     with pytest.raises(InputError) as refusal:
         freefem.export(path, tmp_path / "export", {})
     assert words in str(refusal.value) and "mine.edp line" in str(refusal.value)
+
+
+def test_moduli_of_mixed_elements_may_be_of_any_names(tmp_path):
+    """Forms of the library have the names p and q for functions, too."""
+    contents = []
+    for name, young in (("plain", "2."), ("named", "p*q")):
+        path = tmp_path / f"{name}.edp"
+        path.write_text(f"""include "scene.idp"
+subdomains("2x1");
+rectangle(0., 2., 0., 1.);
+real p = 1., q = 2.;
+macro young() {young} //
+macro poisson() 0.3 //
+macro support() on(4, u1 = 0., u2 = 0.) //
+macro load1() traction(3, 0., -1.) //
+include "export.idp"
+""")
+        contents.append(freefem.export(path, tmp_path / name, {
+            "element": "P2-mixed", "cells": "2"}).seal.content)
+    assert contents[0] == contents[1]
