@@ -52,11 +52,20 @@ A_BLOCK = 200  # entries that are added one by one in the time that a block take
 
 @dataclass
 class Factor:
-    """That of the pivots of one sign of a front: L (m, m), and L^-1 times the rest (m, r)."""
+    """That of the pivots of one sign of a front: the lower triangle of L (m, m), column after
+    column, and L^-1 times the rest (m, r).
+    """
 
     sign: float
     pivots: np.ndarray
     rest: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.rest)
+
+    def solved(self, right: np.ndarray, transposed: bool) -> np.ndarray:
+        """L^-1 times a `right` side (m,), or L^-T."""
+        return blas.dtpsv(len(self), self.pivots, right, lower=1, trans=int(transposed))
 
 
 @dataclass
@@ -81,8 +90,8 @@ class Factors:
     def condense(self, values: np.ndarray) -> None:
         """Forward substitution of a right side (n,), in place: at its end what is left of it."""
         for part in self.parts:
-            m = len(part.pivots)
-            values[:m] = solve_triangular(part.pivots, values[:m], lower=True, check_finite=False)
+            m = len(part)
+            values[:m] = part.solved(values[:m], transposed=False)
             values[m:] -= part.sign * (values[:m] @ part.rest)
             values = values[m:]
 
@@ -90,10 +99,9 @@ class Factors:
         """Backward substitution (n,), in place, where its end is the solution there."""
         stop = self.count
         for part in reversed(self.parts):
-            start = stop - len(part.pivots)
+            start = stop - len(part)
             own = part.sign * (values[start:stop] - part.rest @ values[stop:])
-            values[start:stop] = solve_triangular(part.pivots, own, lower=True, trans="T",
-                                                  check_finite=False)
+            values[start:stop] = part.solved(own, transposed=True)
             stop = start
 
 
@@ -288,9 +296,9 @@ class GluingElimination:
         factors, first = Factors(index[:inner], pivots.sum(), places), 0
         parts, left = _eliminated(columns, rest, pivots)
         for part in parts:
-            first += len(part.pivots)
+            first += len(part)
             part.rest = part.rest[:, : inner - first].copy()
-        factors.parts = [part for part in parts if len(part.pivots)]
+        factors.parts = [part for part in parts if len(part)]
         self._factors[front] = factors
         return left
 
@@ -371,10 +379,10 @@ def _eliminated(columns: np.ndarray, rest: np.ndarray,
         below = solve_triangular(factor, columns[end:, first:end].T, lower=True, check_finite=False
                                  ) if m and end < size else np.zeros((m, size - end))
         columns[end:, end:] -= sign * (below.T @ below[:, : count - end])  # pivots to come
-        parts.append(Factor(sign, factor, below))
+        parts.append(Factor(sign, lapack.dtrttp(factor, uplo="L")[0], below))
         first = end
     for part in parts:
-        if left.size and len(part.pivots):
+        if left.size and len(part):
             # its lower triangle is the upper one of the transpose, which BLAS takes as it is
             left = blas.dsyrk(-part.sign, part.rest[:, -len(left) :], beta=1.0, c=left.T, trans=1,
                               lower=0, overwrite_c=1).T
