@@ -22,7 +22,7 @@ STEP = 4  # padded sizes are multiples of this
 LARGE = 100  # rows from which a call for a half takes less time than a padded product
 
 
-def halved(matrix: np.ndarray | Half, shared: bool) -> np.ndarray | Half:
+def by_half(matrix: np.ndarray | Half, shared: bool) -> np.ndarray | Half:
     """A symmetric `matrix` (m, m) as BlockDiagonal keeps it best, `shared` by members or not."""
     stays = shared or len(matrix) < LARGE or isinstance(matrix, Half)
     return matrix if stays else Half(matrix)

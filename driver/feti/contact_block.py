@@ -14,6 +14,7 @@ and 128 subdomains of 10x10 cells F_cc relative to C has eigenvalues 1 to 4.3, h
 import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix, issparse
 
+from .blocks import whole
 from .dirichlet import DirichletPreconditioner
 from .gathering import Gathering, joined
 from .operator import DualOperator
@@ -57,7 +58,7 @@ class ContactBlock:
         """Contact rows, corners and matrices of every subdomain with contact, in their order."""
         structure = operator.structure
         parts, touching = [None] * len(structure.subdomains), set(structure.touching)
-        for c, schur in zip(operator.classes, preconditioner.schur):
+        for c, kept in zip(operator.classes, preconditioner.schur):
             for s in touching.intersection(c.members):
                 rows = structure.rows[s]
                 here = np.flatnonzero(structure.at_contact.has(rows.row))
@@ -65,7 +66,7 @@ class ContactBlock:
                 parts[s] = {"row": rows.row[here], "corner": structure.corner_global[s],
                             "F": c.F[np.ix_(here, here)] * np.outer(sign, sign),
                             "A": sign[:, None] * c.A[here],
-                            "M": schur[np.ix_(here, here)] * np.outer(scaling, scaling)}
+                            "M": whole(kept)[np.ix_(here, here)] * np.outer(scaling, scaling)}
         ranks = self.comm.allgather([part for part in parts if part])
         return [part for rank in ranks for part in rank]
 

@@ -14,8 +14,8 @@ subdomain of a row takes its share D_i of it, by its weight in B_D: S_i gives wa
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, lapack
 
-from .blocks import BlockDiagonal, Half, halved, whole
-from .halves import mirrored
+from .blocks import BlockDiagonal, by_half, whole
+from .halves import Half, mirrored
 from .reduction import LocalClass
 
 DEPENDENT = 1e-9  # relative eigenvalues of a local F: rows below depend on one another
@@ -24,7 +24,9 @@ FLOOR = 0.01  # of a released corner's stiffness: holds a subdomain with all cor
 
 
 class DirichletPreconditioner:
-    """M on the faces of a DualOperator's dual vectors."""
+    """M on the faces of a DualOperator's dual vectors; `schur` are the S_i of its classes, by half
+    where they are kept so.
+    """
 
     def __init__(self, operator):
         self.vectors, self.classes = operator.vectors, operator.classes
@@ -34,8 +36,9 @@ class DirichletPreconditioner:
             inverted = _kept
         elif operator.modes or structure.contact.coupled.any():
             inverted = _released
-        schur = [halved(inverted(c), c.shared) for c in operator.classes]
+        schur = [by_half(inverted(c), c.shared) for c in operator.classes]
         self.blocks = BlockDiagonal(operator.classes, schur, "rows", "rows")
+        self.schur = self.blocks.blocks
         self.softened: dict[tuple[int, int], _Softened] = {}  # by class and member
 
     def soften(self, softness: np.ndarray) -> None:
@@ -43,7 +46,7 @@ class DirichletPreconditioner:
         vectors, self.softened = self.vectors, {}
         share = np.abs(vectors.scaling)  # of a row, which sum up to its own, above zero
         own = share / vectors.gather(vectors.assemble(share)) * vectors.gather(softness)
-        for number, (c, kept) in enumerate(zip(self.classes, self.blocks.blocks)):
+        for number, (c, kept) in enumerate(zip(self.classes, self.schur)):
             for k, _ in enumerate(c.members):
                 rows = slice(c.rows.start + k * len(kept), c.rows.start + (k + 1) * len(kept))
                 if not own[rows].any():
@@ -52,11 +55,6 @@ class DirichletPreconditioner:
                 here = np.flatnonzero(own[rows] * np.diag(S) > YIELDS)
                 if len(here):
                     self.softened[number, k] = _Softened(S, rows, here, own[rows][here])
-
-    @property
-    def schur(self):
-        """The S_i (m, m) of all classes, one after the other."""
-        return map(whole, self.blocks.blocks)
 
     def __call__(self, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
         """M residual on the face `free`, zero elsewhere."""
@@ -88,7 +86,7 @@ class _Softened:
 def _kept(c: LocalClass) -> np.ndarray | Half:
     """`_released` once for all rows of a class: other classes' may change."""
     if c.schur is None:
-        c.schur = halved(_released(c), c.shared)
+        c.schur = by_half(_released(c), c.shared)
     return c.schur
 
 

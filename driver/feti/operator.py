@@ -26,7 +26,7 @@ import numpy as np
 from ..environment import give_back_memory, heed_lost_interrupt
 from ..errors import NoSolution, agree
 from . import free_motions
-from .blocks import BlockDiagonal, halved
+from .blocks import BlockDiagonal, by_half
 from .coarse import CoarseProblem
 from .dirichlet import DirichletPreconditioner
 from .dual_problem import DualProblem
@@ -124,7 +124,7 @@ class DualOperator(DualProblem):
             F, c.A = renew_rows(structure, c)
             c.A_transposed = np.ascontiguousarray(c.A.T)
             if contact.paired.any():
-                c.F_kept = halved(F, c.shared)
+                c.F_kept = by_half(F, c.shared)
             else:
                 for blocks, matrix in ((self._F, F), (self._A, c.A),
                                        (self._A_transposed, c.A_transposed)):

@@ -12,10 +12,11 @@ from scipy.sparse import coo_matrix
 
 from ..scene.loader import Subdomain
 from ..scene.symmetric import Symmetric
-from .blocks import BLOCK, Half, halved, whole
+from .blocks import BLOCK, by_half, whole
 from .cholesky import Interior
 from .exchange import exchange
 from .gathering import joined
+from .halves import Half
 from .rows import LocalRows
 from .structure import Substructure
 from .torn_factor import TornFactor
@@ -227,9 +228,8 @@ def reduce_class(structure: Substructure, members: list[int], K: Symmetric,
     inverse, coupling, S = factor.reduced(corner)
     seen = factor.seen
     F, A = _of_rows(structure, s, B_r[:, seen], B_c, inverse, coupling)
-    return LocalClass(members, torn, corner, K, factor, B_r, B_c, K_rc, halved(F, shared), A, S,
-                      shared,
-                      Kept(seen, inverse, coupling) if changes else None)
+    return LocalClass(members, torn, corner, K, factor, B_r, B_c, K_rc, by_half(F, shared), A, S,
+                      shared, Kept(seen, inverse, coupling) if changes else None)
 
 
 def interior_of(sub: Subdomain) -> Interior:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from driver.feti import halves
-from driver.feti.blocks import LARGE, BlockDiagonal, halved, whole
+from driver.feti.blocks import LARGE, BlockDiagonal, by_half, whole
 from driver.feti.halves import Half
 
 ROUNDING = 1e-14  # of sums of up to some hundred terms of order one, taken in different orders
@@ -48,7 +48,7 @@ def test_large_blocks_of_their_own_are_kept_by_half_and_multiply_as_whole_ones()
                                        rows=slice(stop, stop + members * n)))
         matrices.append(symmetric(n, stop))
         stop += members * n
-    blocks = BlockDiagonal(classes, [halved(M, c.shared) for c, M in zip(classes, matrices)],
+    blocks = BlockDiagonal(classes, [by_half(M, c.shared) for c, M in zip(classes, matrices)],
                            "rows", "rows")
     assert [isinstance(of, Half) for of in blocks.blocks] == [True, False, False, True]
     x, expected = np.random.default_rng(7).standard_normal(stop), np.empty(stop)
