@@ -30,11 +30,13 @@ class ContactRelaxation:
         self.scale, self.contact_scale = scale, deflation.block.gather(scale)
         self.history = history
 
-    def __call__(self, y: np.ndarray, gradient: np.ndarray, limits,
-                 tol: float) -> tuple[np.ndarray, np.ndarray]:
+    def __call__(self, y: np.ndarray, gradient: np.ndarray, limits, tol: float,
+                 known: float = np.inf) -> tuple[np.ndarray, np.ndarray]:
         """Feasible multipliers (owned,) and their gradient, from any y with its gradient.
 
-        The box problem is solved until its residual is a tenth of the whole residual or `tol`. The
+        The box problem is solved until its residual is a tenth of the whole residual, or of the
+        `known` one of feasible multipliers that these are to better, or `tol`: where compliances
+        differ much, y is far outside the box and the residual on its face huge. The
         gradient is right on the contact rows only. MPRGP never raises f: where it does not get that
         far, the answer is poorer but still one.
         """
@@ -46,15 +48,16 @@ class ContactRelaxation:
         scaled = self.scale * block.scatter(projected, gradient)
         residual = np.sqrt(self.operator.dot(scaled, scaled))
         result = mprgp(block.apply, block.apply(start) - g, lower, upper, start,
-                      tol=max(tol, REDUCTION * residual), norm_bound=self.norm_bound,
+                      tol=max(tol, REDUCTION * min(residual, known)), norm_bound=self.norm_bound,
                       preconditioner=self.deflation.contact, max_products=LIMIT, gradient0=g,
                       expansion="cg", scale=self.contact_scale)
         self.history.counts["contact_block_products"] += result.products
         return block.scatter(result.x, y), block.scatter(result.gradient, gradient)
 
-    def relaxed(self, y: np.ndarray, gradient: np.ndarray, limits, tol: float) -> np.ndarray:
+    def relaxed(self, y: np.ndarray, gradient: np.ndarray, known: float, limits,
+                tol: float) -> np.ndarray:
         """The multipliers alone."""
-        return self(y, gradient, limits, tol)[0]
+        return self(y, gradient, limits, tol, known)[0]
 
     def moved(self, x: np.ndarray, before: np.ndarray, gradient: np.ndarray) -> np.ndarray:
         """Contact rows' gradient at x from that at `before` with other contact multipliers."""

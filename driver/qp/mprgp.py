@@ -260,12 +260,12 @@ class _Mprgp:
                    for a in steps)
 
     def relaxed_step(self, y, g, needed):
-        """x <- relax(y, g), if f decreases as much as in other steps; returns whether it does.
+        """x <- relax(y, g, residual), if f decreases as much as in other steps; returns whether it does.
 
         y is the end of the whole CG step, feasible or not (then its active set follows from the
         block problem instead of a projection), or x itself where components are to be released.
         """
-        return self.try_step(self.relax(y, g), needed)
+        return self.try_step(self.relax(y, g, self.residual), needed)
 
     def try_step(self, new, needed):
         """x <- new (n,), feasible, if that lowers f by `needed` at least; one product."""
@@ -456,9 +456,10 @@ def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_fact
     scale           (n,) D > 0: the iteration runs in y = x / D, with D A D and D b, which makes up
                     for rows of very different size. `tol` then bounds ||D g^P||, also
                     Result.residual, and `norm_bound` ||D A D||. Powers of two round nothing.
-    relax           callable (y, g) -> x: from any y (n,) and g = A y - b a feasible x that nearly
-                    minimises f over some components, the others being those of y. Tried in
-                    expansion and proportioning steps, and taken where it lowers f enough
+    relax           callable (y, g, residual) -> x: from any y (n,) and g = A y - b a feasible x
+                    that nearly minimises f over some components, the others being those of y, by
+                    the `residual` of the feasible iterate. Tried in expansion and proportioning
+                    steps, and taken where it lowers f enough
 
     Products: one for a CG or a proportioning step, two for an expansion step, and one more for each
     point of the arc and of `relax` that was tried in vain.  All iterates are feasible.  Data that
@@ -498,7 +499,7 @@ def _unscaled(A, b, lower, upper, x0, scale, options):
     if gradient0 is not None:
         options["gradient0"] = scale * gradient0
     if relax is not None:
-        options["relax"] = lambda y, g: relax(scale * y, g / scale) / scale
+        options["relax"] = lambda y, g, known: relax(scale * y, g / scale, known) / scale
     scaled = mprgp(lambda y: scale * A(scale * y), scale * b, lower / scale, upper / scale,
                   None if x0 is None else x0 / scale, **options)
     return replace(scaled, x=scale * scaled.x, gradient=scaled.gradient / scale)

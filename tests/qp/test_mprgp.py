@@ -556,8 +556,9 @@ def test_relaxation_helps_or_does_no_harm(monkeypatch, useful):
         half, rng, values = len(b) // 2 + 1, np.random.default_rng(seed), []
         place, relaxed = module._Mprgp.place, module._Mprgp.relaxed_step
 
-        def relax(y, g):
-            # a point with its gradient
+        def relax(y, g, known):
+            # a point with its gradient, and the residual of the iterate
+            assert known > 0
             assert np.abs(g - A @ y + b).max() <= 1e-9 * (np.abs(A) @ np.abs(y) + np.abs(b)).max()
             if not useful:
                 return np.clip(y + rng.standard_normal(len(b)), lower, upper)
