@@ -91,6 +91,12 @@ class FrictionQP:
         scaled = self.scale * displacements
         return np.sqrt(self.operator.dot(scaled, scaled))
 
+    def part(self, x: np.ndarray, gradient: np.ndarray) -> float:
+        """The residual of multipliers x at their own bounds over the tolerance of a step."""
+        own = self.settings.rtol * self.scales.d
+        left = self.size(projected_gradient(x, gradient, *self.rows.limits(len(x), x)))
+        return left / own if own > 0 else 1.0
+
     def asked_for(self, displacements: np.ndarray) -> float:
         """The size of displacements that loads bring about.
 

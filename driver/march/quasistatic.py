@@ -28,6 +28,7 @@ from .condensation import Condensation
 from .corner_states import CornerStates
 from .fixed_point import FixedPoint
 from .friction_qp import FrictionQP
+from .more_digits import MoreDigits
 from .residuals import Residuals
 from .slip import SlipState
 from .step import History, Load, Step, StepFailed, Trace, Unfinished
@@ -57,6 +58,7 @@ class QuasistaticSolver:
         self.history = History()
         self.scales = Scales(displacements=np.zeros(operator.levels))
         self.cycles = cycles
+        self.more_digits = MoreDigits(self)
         self._attach()
         self.history.counts["dual_multiplications_setup"] = operator.products
         own = 0.0 if self.rows.bound_is_given else float(self.rows.coefficient.max(initial=0))
@@ -297,7 +299,8 @@ class QuasistaticSolver:
             answer = self._kept(load, *start[:2]) if self._holds(index) else None
             if answer is not None:
                 trace.rate = self.contraction
-            x, gradient, moved, residuals = answer or self._settled(index, load, start, trace)
+            x, gradient, moved, residuals = answer or self.more_digits.settled(
+                index, load, start, trace)
             self.history.counts["condensed_steps"] += bool(trace.shortcut)
             self._examine(index, load, x, gradient)
             self.bodies.note_loose_motion(index, x)
@@ -313,23 +316,6 @@ class QuasistaticSolver:
         return Step(index, float(self.times[index]), load.weights, x, gradient, rows.states(x),
                     rows.law_bound(x), trace.iterations, op.products - products,
                     trace.contraction, residuals, moved, trace.refined), error
-
-    def _settled(self, index: int, load: Load, start: tuple, trace: Trace) -> tuple:
-        """What `closure` settles: where it fails beside much stiffer bodies, or fails by little, as
-        of slender bodies, anew to more digits.
-
-        Raises Unfinished.
-        """
-        place = self.fixed_point.place(load)
-        try:
-            return self.closure.settled(index, load, start, trace, self.solve)
-        except Unfinished as failed:
-            may_help = self.operator.bodies_differ or failed.near
-            if self.operator.uneven or not may_help or self.effects.closes:
-                raise  # tangents of laws have changed the load
-        start = self.fixed_point.back(load, place, start)
-        with self.condensation.refined():
-            return self.closure.settled(index, load, start, trace, self.solve)
 
     def _holds(self, index: int) -> bool:
         """Whether loads and obstacles stay what they were at the end of the step before.

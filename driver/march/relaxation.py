@@ -29,14 +29,16 @@ class ContactRelaxation:
         self.operator, self.deflation, self.norm_bound = operator, deflation, norm_bound
         self.scale, self.contact_scale = scale, deflation.block.gather(scale)
         self.history = history
+        self.whole = len(operator.structure.at_contact.row) == operator.structure.dual_dofs
 
     def __call__(self, y: np.ndarray, gradient: np.ndarray, limits, tol: float,
                  known: float = np.inf) -> tuple[np.ndarray, np.ndarray]:
         """Feasible multipliers (owned,) and their gradient, from any y with its gradient.
 
-        The box problem is solved until its residual is a tenth of the whole residual, or of the
-        `known` one of feasible multipliers that these are to better, or `tol`: where compliances
-        differ much, y is far outside the box and the residual on its face huge. The
+        The box problem is solved until its residual is a tenth of the whole residual or `tol`.
+        Without gluing rows, whose answer would spoil it, of the `known` residual of feasible
+        multipliers that these are to better: where compliances differ much, y may be far outside
+        the box and the residual at its nearest point huge. The
         gradient is right on the contact rows only. MPRGP never raises f: where it does not get that
         far, the answer is poorer but still one.
         """
@@ -47,8 +49,10 @@ class ContactRelaxation:
         projected = projected_gradient(start, g, lower, upper)
         scaled = self.scale * block.scatter(projected, gradient)
         residual = np.sqrt(self.operator.dot(scaled, scaled))
+        if self.whole:
+            residual = min(residual, known)
         result = mprgp(block.apply, block.apply(start) - g, lower, upper, start,
-                      tol=max(tol, REDUCTION * min(residual, known)), norm_bound=self.norm_bound,
+                      tol=max(tol, REDUCTION * residual), norm_bound=self.norm_bound,
                       preconditioner=self.deflation.contact, max_products=LIMIT, gradient0=g,
                       expansion="cg", scale=self.contact_scale)
         self.history.counts["contact_block_products"] += result.products

@@ -105,7 +105,8 @@ def snapshot(solver: QuasistaticSolver) -> dict | None:
         "log_residual": np.array(residual, float), "fallbacks": history.fallbacks.steps,
         "history": {name: getattr(history, name) for name in CARRIED},
         "cycles": cycles, "corners": {} if rows.corners is None else rows.corners.carried(),
-        "doubtful": solver.doubtful, "eliminated": solver.condensation.eliminated,
+        "doubtful": solver.doubtful, "more_digits": solver.more_digits.needed,
+        "eliminated": solver.condensation.eliminated,
         "uniqueness": {
             **asdict(solver.uniqueness), "several": list(solver.uniqueness.several.items())}
     }
@@ -132,6 +133,7 @@ def restore(solver: QuasistaticSolver, state: dict) -> None:
         solver.rows.corners.restore(state["corners"])
         solver.condensation.select()
     solver.qp.bound, solver.doubtful = state["norm_bound"], state["doubtful"]
+    solver.more_digits.needed = state["more_digits"]
     solver.condensation.eliminated = state["eliminated"]
     solver.scales.largest = dict(state["scales"])
     solver.scales.displacements = state["deformation"]

@@ -107,16 +107,19 @@ class Shortcut:
         newton = elimination.products(FACTORIZATIONS * condensation.near**3 / 3)
         return elimination.price <= AT_ONCE and newton <= 2 * AT_ONCE
 
-    def pays(self, trace: Trace, x: np.ndarray, target: float, spent: int, taken: int) -> bool:
+    def pays(self, trace: Trace, x: np.ndarray, target: float, spent: tuple[int, int],
+             taken: int) -> bool:
         """Whether it is cheaper than to go on until changes are below `target`.
 
-        `spent` are the products with F of the iterations `taken` so far, x (owned,) the latest
-        multipliers.
+        `spent` are the products with F, and those of the contact rows' relaxation, of the
+        iterations `taken` so far, x (owned,) the latest multipliers.
         """
         changes = trace.changes[-WINDOW:]
-        early = spent < SPENT or len(changes) < SEEN
-        if early or trace.shortcut is not None or not 0 < target < changes[-1]:
+        if trace.shortcut is not None or not 0 < target < changes[-1] or max(spent) < SPENT:
             return False
+        if len(changes) < SEEN:
+            return max(spent) > LEAST and self._outlasts(*spent)
+        spent = spent[0] + (self._relaxed(spent[1]) if max(spent) > LEAST else 0.0)
         rate = trace.contraction
         if not rate < 1.0 and len(changes) < WINDOW:  # the first ones may grow
             return False
@@ -147,9 +150,13 @@ class Shortcut:
         """
         if not self.possible:
             return False
-        total = self.condensation.total
-        spent = products + self.condensation.elimination.products(own * total**2)
-        return spent > max(LEAST, self._price(self.condensation.near))
+        return products + self._relaxed(own) > max(LEAST, self._price(self.condensation.near))
+
+    def _relaxed(self, own: int) -> float:
+        """Products with F in the time of `own` ones of the contact rows, where it is `possible`."""
+        if not self.possible:
+            return 0.0
+        return self.condensation.elimination.products(own * self.condensation.total**2)
 
     def learn(self, x: np.ndarray, spent: int) -> None:
         """Steps to come begin with elimination if the one QP of this took more, `spent` products.
@@ -206,24 +213,36 @@ class Shortcut:
         return found
 
     def _passes(self, load: Load, x: np.ndarray, trace: Trace, rtol: float) -> tuple | None:
+        """As `solution`; where rounding is above a tightened tolerance the pass with the least
+        residual that meets the one of the step: its residuals say whether it will do.
+
+        Raises NotConverged.
+        """
         rows, qp, condensation = self.rows, self.qp, self.condensation
+        best, nearest = None, qp.settings.rtol * qp.scales.d
         problem = condensation.problem_by_loads(load)
         condensation.eliminated = True
         for made in range(1, MORE + 1):
             z = one_solution.only_solution(problem, problem.whole(condensation.gather(x)))
             if z is None:
-                return None
+                break
             contact, motion = np.split(z, [condensation.size])
             self.bodies.shift(load, motion)
             x = condensation.place(contact, x)
             x, gradient = condensation.glued(load.d, x, qp.operator.apply(x) - load.d)
             bound = rows.friction_bound(x)
             left = qp.size(projected_gradient(x, gradient, *rows.limits_at(len(x), bound)))
-            if left <= qp.tol and self.bodies.imbalance(load, x) <= rtol:
+            balanced = self.bodies.imbalance(load, x) <= rtol
+            if balanced and left <= nearest:
+                best, nearest = (x, gradient, rows.sliding(x, bound), self.bodies.place(load)), left
+            if balanced and left <= qp.tol:
                 if trace.rated and np.isnan(trace.contraction):
                     trace.rate = contraction(problem, z, WINDOW)
-                return x, gradient, rows.sliding(x, bound)
+                break
             if made >= PASSES and not qp.tol < left <= ABOUT * qp.tol:
                 break
             problem = condensation.problem(load, x, gradient)
-        return None
+        if best is None:
+            return None
+        self.bodies.bring(load, best[-1])
+        return best[:-1]

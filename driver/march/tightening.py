@@ -83,6 +83,14 @@ class Tightening:
     def _eliminates(self) -> bool:
         return self.find == self.condensed
 
+    @property
+    def _by_newton(self) -> bool:
+        """Whether the state is a solution of Newton's method for the contact rows, whose residuals
+        are what products, or its system, round off: no tighter QPs help.
+        """
+        found = bool(self.trace.shortcut) and not self._eliminates
+        return found and self.march.condensation.elimination is not None
+
     def _found(self, x, gradient, sliding) -> tuple:
         """The next state. Raises Unfinished."""
         self.qp.aim(self.of_qp, x)
@@ -161,11 +169,13 @@ class Tightening:
         stays = NotConverged(self._said(*self.nearest[1:]))
         if isinstance(self.stop, NoSolution) and excess.get("equilibrium", 0.0) <= 1:
             self.stop = stays  # none was found to more digits than were asked for
-        if self.stop or idle:
+        if self.stop or idle or self._by_newton and self.trace.refined:
             state = self._otherwise(x, gradient, sliding, stays)
             if state is not None:
                 return state
         self._tighten(excess, worst, idle)
+        if self._by_newton:  # it may be far below a tolerance already, which then asks for nothing
+            self.of_qp = min(self.of_qp, BELOW / worst * self.qp.part(x, gradient))
         return x, gradient, sliding
 
     def _said(self, name: str, residual: float) -> str:
@@ -214,7 +224,7 @@ class Tightening:
             self.answer = self._back_to(self.rounded)
             return x, gradient, sliding
         loose = not self._eliminates and self.of_friction > LAST_FRICTION
-        if not stop and (loose or self.of_qp > LAST_PART):
+        if not (stop or self._by_newton) and (loose or self.of_qp > LAST_PART):
             return None
         if stop or self._eliminates:  # or forces of bodies that nothing holds are rounding alone
             self.answer = self._without_forces(x) if self.operator.modes else None
@@ -223,6 +233,8 @@ class Tightening:
             if self.answer is None:
                 raise Unfinished(stays, x, gradient, near=self.nearest[2] <= ACCEPTABLE)
             return x, gradient, sliding
+        if self.nearest[2] <= ACCEPTABLE and self.march.more_digits.likely:
+            raise Unfinished(stays, x, gradient, near=True)
         self._eliminate(None)
         return x, gradient, sliding
 

@@ -191,7 +191,9 @@ def test_the_contact_problem_for_given_gluing_forces():
                             apply=lambda x: F[:6, :6] @ x)
     deflation = SimpleNamespace(block=block, contact=None)
     history, bound = History(), 2 * np.linalg.norm(scale[:, None] * F * scale, 2)
-    relaxation = ContactRelaxation(SimpleNamespace(dot=np.dot), deflation, bound, scale, history)
+    structure = SimpleNamespace(at_contact=SimpleNamespace(row=near), dual_dofs=9)
+    relaxation = ContactRelaxation(SimpleNamespace(dot=np.dot, structure=structure), deflation,
+                                   bound, scale, history)
     y = np.random.default_rng(5).standard_normal(9)
     gradient = F @ y - d
     x, g = relaxation(y, gradient, (lower, upper), 1e-12)
@@ -205,7 +207,9 @@ def test_the_contact_problem_for_given_gluing_forces():
     assert np.linalg.norm(left * scale[:6]) <= 0.1 * np.linalg.norm(whole * scale)
     relaxed = functools.partial(relaxation.relaxed, y, gradient, limits=(lower, upper), tol=1e-12)
     np.testing.assert_array_equal(relaxed(np.inf), x)
-    # a tenth of what the iterate has already, however far y is outside the box
+    np.testing.assert_array_equal(relaxed(1e-6), x)
+    # without gluing a tenth of what the iterate has already, however far y is outside the box
+    relaxation.whole = True
     better = relaxed(1e-6)
     assert np.linalg.norm(left * scale[:6]) > 1e-7
     left = projected_gradient(better, F @ better - d, lower, upper)[:6]

@@ -1,0 +1,83 @@
+"""Steps that rounding keeps from ending, as of thin rails, whose loads alone bend them far."""
+
+import numpy as np
+import pytest
+
+from driver.march import globalization
+
+LENGTH, THICK, WEIGHT, FRICTION = 2.0, 0.01, 1e7, 0.4
+
+# heated by 15 K, held at one end: less than friction of all its length could hold
+RAIL = """include "scene.idp"
+units("m", "Pa");
+real length = physical("length", 2.), thick = physical("thick", 0.01);
+rectangle(0., length, 0., thick);
+quasistatic(1.);
+macro young() 210e9 //
+macro poisson() 0. //
+macro planeStress() 1 //
+macro support() on(4, u1 = 0.) //
+macro contact() 1 //
+macro friction() 0.4 //
+macro bodyForce1() [0., -1e7] //
+macro thermal2() 1.8e-4 //
+macro amplitude2(t) t //
+include "export.idp"
+"""
+
+
+def sliding(run, length: float, thick: float) -> bool:
+    """Whether the floor carries the weight, and friction of all of it stands against the heat.
+
+    But for that of the node that is held, which carries as much as a side beside it is long.
+    """
+    floor, weight = run.summary["boundaries"][0], WEIGHT * length * thick
+    held = 2.0 / np.count_nonzero(run.contact["weight"][-1])
+    carried = floor["normal_resultant"], -floor["tangential_resultant"] / FRICTION
+    return (carried[0] == pytest.approx(weight, rel=1e-6)
+            and weight * (1 - held) < carried[1] < weight)
+
+
+@pytest.fixture
+def rail(solved, named_scene):
+    """rail(..): a run to residuals far below the rounding of the rail's displacements."""
+    def run(**options):
+        return solved(named_scene("rail", RAIL), cells=1, steps=2, primal_rtol=1e-9, **options)
+
+    return run
+
+
+@pytest.mark.parametrize("cut", ["7x1", "3"])
+def test_contact_rows_get_more_digits_than_products_have(rail, monkeypatch, cut):
+    """As many as there are once Newton's method has eliminated the gluing, of any number of nodes.
+
+    Corrections of what it has found are no other method, which would cast doubt on the solution.
+    """
+    monkeypatch.setattr(globalization, "CONDENSED_NODES", 10)
+    run = rail(subdomains=cut)
+    assert run.status == 0 and max(run.summary["residuals"].values()) <= 1e-9
+    assert run.summary["counts"]["condensed_steps"] == 2 and not run.summary["fallbacks"]
+    assert sliding(run, LENGTH, THICK)
+
+
+def test_steps_begin_with_the_digits_that_the_one_before_needed(rail, monkeypatch):
+    """And fail no more before they have them."""
+    from driver.march import more_digits
+
+    begun, own = [], more_digits.MoreDigits.settled
+
+    def settled(self, *args):
+        begun.append(self.needed)
+        return own(self, *args)
+
+    monkeypatch.setattr(more_digits.MoreDigits, "settled", settled)
+    rail(subdomains="7x1", uniqueness="no")
+    assert begun == [False, True]
+
+
+@pytest.mark.slow
+def test_thin_rails_of_a_thousand_nodes(solved, named_scene):
+    """A thousand times as long as thick: loads alone would move it by 1e6 of what is left."""
+    run = solved(named_scene("rail", RAIL), cells=1, steps=1, subdomains="5x1", length=2.5,
+                 thick=0.0025)
+    assert run.status == 0 and sliding(run, 2.5, 0.0025)
