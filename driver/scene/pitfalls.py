@@ -4,17 +4,20 @@ One = in place of two, a < b < c, label == 3 || 4, an integer for a parameter th
 an option for one of two names that capitals alone tell apart, x in a history, the label inside a
 body, a load's integral over a mesh of the scene, a number's over that of a subdomain, no for what
 any content declares, an obstacle that calls functions of the place at hand, numbers of triangles,
-random ones: what is declared would have other values than those that were meant.
+random ones, labels behind what is prescribed on them: what is declared would have other values
+than those that were meant.
 """
 
+import itertools
 import re
 from pathlib import Path
 
 from ..errors import InputError
-from . import functions, grammar, rooms
+from . import functions, grammar, numerals, rooms
 
 # in code without blanks
 SET = re.compile(r"(?<![.\w])(label|region|x|y)=(?!=)")
+SUPPORT, NAMED = re.compile(r"(?<![.\w])on\("), re.compile(r"\w+=(?!=)")
 EQUALS, ORDERS = re.compile(r"[=!]="), re.compile(r"[<>]=?")
 CALLS = {"h": "meshSize", "cells": "rectangle"}  # what reads parameters of the library
 STREAM = re.compile("<<|>>")
@@ -138,6 +141,12 @@ def _mistake(content: str) -> str:
     code = code_of(content)
     if found := SET.search(code):
         return f"sets {found[1]} by a single =; what compares has two: {found[1]} == ..."
+    for found in SUPPORT.finditer(code):
+        given = numerals.arguments(code[found.end():])
+        behind = itertools.dropwhile(lambda part: not NAMED.match(part), given)
+        if late := next((part for part in behind if not NAMED.match(part)), ""):
+            return (f"has {late} behind what on(...) prescribes, where FreeFEM takes it for one "
+                    "more label: numbers have a decimal point, u1 = 0.5, and labels come first")
     for term in _terms(code):
         sides = [side for side in re.split(r"&&?|\|\|?", term) if not STREAM.search(side)]
         if chained := next(filter(_chained, sides), ""):

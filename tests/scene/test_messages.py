@@ -127,6 +127,7 @@ def test_a_macro_that_does_not_end(said, name):
     ("friction() F", "friction() F*(1. + z)", "z in friction is FreeFEM's third coordinate"),
     ("2., -10.", "2.*x**2, -10.", "powers are x^2"), ("0.3 //", "3/10 //", "is 0: write 3./10"),
     ("amplitude1(t) t", "amplitude1(t) t^(1/2)", "is 0: write 1./2"),
+    ("u1 = 0., u2", "u1 = 0,5, u2", "support has 5 behind what on(...) prescribes"),
     ("macro contact() 1", "macro stepTimes() [ ] //\nmacro contact() 1",
      "the list of stepTimes is empty: it expects [t1, t2, ...]"),
 ])
