@@ -191,7 +191,7 @@ class Shortcut:
         imbalance of bodies to be reached.
         """
         try:
-            found = self._found(load, x, trace, rtol)
+            found = self._found(index, load, x, trace, rtol)
         except NotConverged:
             found = None
         tried = trace.shortcut is None and len(trace.changes) > 0
@@ -201,18 +201,20 @@ class Shortcut:
         trace.shortcut = found is not None
         return found
 
-    def _found(self, load: Load, x: np.ndarray, trace: Trace, rtol: float) -> tuple | None:
+    def _found(self, index: int, load: Load, x: np.ndarray, trace: Trace,
+               rtol: float) -> tuple | None:
         """As `solution`. Raises NotConverged."""
         place, found = self.bodies.place(load), None
         try:
-            found = self._passes(load, x, trace, rtol)
+            found = self._passes(index, load, x, trace, rtol)
         finally:
             if found is None:
                 self.bodies.bring(load, place)
                 load.forget()
         return found
 
-    def _passes(self, load: Load, x: np.ndarray, trace: Trace, rtol: float) -> tuple | None:
+    def _passes(self, index: int, load: Load, x: np.ndarray, trace: Trace,
+                rtol: float) -> tuple | None:
         """As `solution`; where rounding is above a tightened tolerance the pass with the least
         residual that meets the one of the step: its residuals say whether it will do.
 
@@ -223,6 +225,7 @@ class Shortcut:
         problem = condensation.problem_by_loads(load)
         condensation.eliminated = True
         for made in range(1, MORE + 1):
+            problem.at_work = lambda: qp.history.at_work(index, qp.operator.products)
             z = one_solution.only_solution(problem, problem.whole(condensation.gather(x)))
             if z is None:
                 break

@@ -22,6 +22,7 @@ springs. Then there need be no solution, and the signs of several add up to noth
 motion that no row with force or sticking feels stays as it is: the bodies may rest at many places.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -47,6 +48,7 @@ class CoulombProblem:
     `depends`: movements of some rows are the same whatever the forces, as where three bodies meet.
     `latest`: what the latest systems are of, these, and a list of what is kept beside them, with
     friction that pressures bound or not, of all problems that `under` makes.
+    `at_work`: called where a system has been factorized, which may take seconds.
     """
 
     compliance: np.ndarray
@@ -59,6 +61,7 @@ class CoulombProblem:
     offset: np.ndarray | None = None
     depends: bool = False
     latest: dict = field(default_factory=dict, repr=False)
+    at_work: Callable[[], None] | None = None
 
     def __post_init__(self):
         self.rows, self.m = len(self.load), len(self.pair)
@@ -182,6 +185,8 @@ class CoulombProblem:
         key = b"".join(part.tobytes() for part in parts if part is not None)
         if self.latest.get(self.rubs, (None,))[0] != key:
             self.latest[self.rubs] = key, StateSystem(self, states, sign), []
+            if self.at_work is not None:
+                self.at_work()
         return self.latest[self.rubs][1]
 
     @property

@@ -42,6 +42,18 @@ def test_slow_approximations_are_cut_short(solved, monkeypatch):
     assert np.abs(forces(short) - forces(long)).max() <= 1e-5 * np.abs(forces(long)).max()
 
 
+def test_factorizations_show_that_a_step_is_at_work(built, steps_of):
+    """Those of many contact nodes take seconds each, without any product."""
+    solver, _ = steps_of(built("tutorial", **DRAGGED_PROBLEM))
+    seen, fixed_point = [], solver.fixed_point
+    solver.history.watch = lambda *words: seen.append(words)
+    load = solver.load(1, solver.motion, solver.operator.apply(solver.multipliers))
+    fixed_point.condensation.select()  # no factors are kept
+    found = fixed_point.shortcut.solution(7, load, 0 * solver.multipliers, Trace(), 1e-3)
+    assert found is not None and seen
+    assert all(index == 7 and residual is None for index, _, residual in seen)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("scene, words, most", [
     ("tutorial", DRAGGED, 60),
@@ -190,8 +202,26 @@ def test_where_rounding_is_about_the_tolerance_more_passes_are_made(built, steps
     way, owned, sizes = solver.fixed_point.shortcut, problem.operator.owned, list(left)
     load = solver.load(1, np.zeros(problem.operator.modes), np.zeros(owned))
     monkeypatch.setattr(way.qp, "size", lambda _: sizes.pop(0) * way.qp.tol, raising=False)
-    found = way._passes(load, np.zeros(owned), Trace(), 1e-6)
+    found = way._passes(1, load, np.zeros(owned), Trace(), 1e-6)
     assert not sizes and (found is not None) == (made is not None)
+
+
+def test_of_passes_above_a_tightened_tolerance_the_best_is_kept(built, steps_of, monkeypatch):
+    """That meets the tolerance of the step; what it misses is judged by its residuals."""
+    problem = built("joint", h=1.6, subdomains=3, steps=1)
+    solver, _ = steps_of(problem)
+    way, owned, glued = solver.fixed_point.shortcut, problem.operator.owned, []
+    load = solver.load(1, np.zeros(problem.operator.modes), np.zeros(owned))
+    own, sizes = way.qp.settings.rtol * way.qp.scales.d, [0.9, 0.1, 0.4, 0.5]
+    monkeypatch.setattr(way.qp, "size", lambda _: sizes.pop(0) * own, raising=False)
+    pair = way.condensation.glued
+    monkeypatch.setattr(way.condensation, "glued",
+                        lambda *args: glued.append(pair(*args)) or glued[-1])
+    way.qp.tol = 1e-6 * own
+    found = way._passes(1, load, np.zeros(owned), Trace(), 1e-6)
+    assert len(glued) == shortcut.PASSES and found[0] is glued[1][0]
+    sizes[:] = [30.0, 20.0, 10.0]
+    assert way._passes(1, load, np.zeros(owned), Trace(), 1e-6) is None
 
 
 def test_bodies_go_back_where_newton_does_not_settle(built, steps_of, monkeypatch):
@@ -201,7 +231,7 @@ def test_bodies_go_back_where_newton_does_not_settle(built, steps_of, monkeypatc
     way, places = solver.fixed_point.shortcut, []
     load = solver.load(1, np.zeros(problem.operator.modes), np.zeros(problem.operator.owned))
 
-    def runs_away(load, *_):
+    def runs_away(index, load, *_):
         way.bodies.shift(load, np.ones(problem.operator.modes))
         places.append(load.weights.copy())
         raise NotConverged("no state settles")
