@@ -4,8 +4,9 @@ Of such a problem Newton's method changes all rows at once that the present stat
 their bounds or moving the wrong way, and may come back to the same states for ever: a body that
 rocks opens where it has closed. Here every step lowers the energy: the primal active set method (J.
 Nocedal, S. Wright, Numerical Optimization, 2nd ed., 16.5). The energy falls on the way to the least
-one of the rows that no bound holds, each of which is held from where it meets its own; then the row
-that gives way most is let go, at the beginning all that do. So no states come twice.
+one of the rows that no bound holds, each of which is held from where it meets its own, all at once
+where that lowers it, too; then rows that give way are let go, all as long as that lowers the energy
+in few changes, and at the end that which gives way most. So no states come twice.
 
 Bodies without support must be in balance besides. Soft springs hold them, whose rest follows them:
 the proximal point method (R. T. Rockafellar, SIAM J. Control Optim. 14 (1976) 877-898). Its first
@@ -23,7 +24,10 @@ WORK = 4e9  # multiplications that all changes may take, each rows times those w
 # times the rows' own compliance: that of springs which hold bodies without support, in turn; the
 # stiffer ones have more digits, the softer ones leave less to be followed
 SOFT = (1e3, 1e5)
+TOGETHER = 0.5  # part of the changes that are left for rows one by one: of bodies that rock most of
+# those that are let go together must be held again
 FEW = 0.3  # part of the rows that have forces, below which those alone are multiplied
+ARC = (1.0, 1 / 4, 1 / 16)  # parts of the way to the least energy that are tried beyond bounds
 FOLLOWED = 6  # times that the rest of these springs follows the bodies
 
 
@@ -73,11 +77,14 @@ class _Descent:
 
     def end(self) -> np.ndarray | None:
         """The solution, exactly in its states, or None."""
+        left = self.left
         self._lower(self._pushed())
         while self._may_go_on:
             if self.problem.solves(self.x):
                 exact = self.problem.solution_in(self._states(self._pushed()), self._signs)
                 return exact if self.problem.solves(exact) else self.x
+            if self.left > TOGETHER * left and self._lower(self._pushed()):
+                continue
             held, gives = self._but_one()
             # what rounding hides of the energy a row that gives way still tells
             if not (self._lower(held) or gives):
@@ -103,10 +110,27 @@ class _Descent:
             if room[first] >= 1:
                 self._move(self._cut(y))
                 return self.energy < before
+            if self._projected(way, room, held):
+                continue
             x = self._cut(self.x + max(room[first], 0.0) * way)
             x[first] = self.lower[first] if way[first] < 0 else self.upper[first]
             held[first] = True
             self._move(x)
+        return False
+
+    def _projected(self, way: np.ndarray, room: np.ndarray, held: np.ndarray) -> bool:
+        """Go along `way` to the least energy, or a part of it, with what leaves bounds put on them.
+
+        Where that lowers the energy more than to stop at the first bound, the least `room`; then
+        all rows that have met theirs are `held`. Whether it does. (J. J. More, G. Toraldo, SIAM J.
+        Optim. 1 (1991) 93-113.)
+        """
+        least, fall = float(room.min()), -float(self.slope @ way)
+        aim = self.energy - fall * (least - 0.5 * least**2)
+        for part in ARC:
+            if part > least and self._move(self._cut(self.x + part * way), aim):
+                held |= room <= part
+                return True
         return False
 
     @property
@@ -121,13 +145,18 @@ class _Descent:
         held[row] = held[row] and not gives
         return held, gives
 
-    def _move(self, x: np.ndarray) -> None:
+    def _move(self, x: np.ndarray, aim: float = np.inf) -> bool:
+        """Go to x, if the energy there is below `aim`; whether it is."""
         compliance, acts = self.problem.compliance, np.flatnonzero(x)
         few = len(acts) < FEW * len(x)  # as of bodies whose outlines are contact all round
         self.work -= len(x) * (len(acts) if few else len(x))
         moved = x[acts] @ compliance[acts] if few else compliance @ x
-        self.x, self.slope = x, moved - self.problem.load
-        self.energy = 0.5 * float(x @ (self.slope - self.problem.load))
+        slope = moved - self.problem.load
+        energy = 0.5 * float(x @ (slope - self.problem.load))
+        if aim < np.inf and not energy < aim:
+            return False
+        self.x, self.slope, self.energy = x, slope, energy
+        return True
 
     # ---- states ----------------------------------------------------------------------------------
     @property

@@ -75,8 +75,13 @@ def test_every_step_lowers_the_energy(monkeypatch, alone):
     if alone:
         monkeypatch.setattr(_Descent, "_pushed", _Descent._at_bounds)
     energies, move = [], _Descent._move
-    monkeypatch.setattr(_Descent, "_move", lambda self, x: move(self, x) or energies.append(
-        self.energy))
+
+    def watched(self, *args) -> bool:
+        went = move(self, *args)
+        energies.append(self.energy)
+        return went
+
+    monkeypatch.setattr(_Descent, "_move", watched)
     for seed in range(12):
         energies.clear()
         given = bounded(rocking(seed), np.full(N, 0.1))
@@ -122,3 +127,20 @@ def test_softer_springs_are_tried_where_stiffer_ones_leave_something(monkeypatch
                           np.ones((2, 1)), np.zeros(1))
     assert solution_within(body, np.zeros(3)) is not None
     assert tried == [1e3, 1e5]
+
+
+def test_many_rows_are_let_go_and_held_at_once(monkeypatch):
+    """Of springs in a row that all slide one way and are pushed the other way."""
+    n, taken = 100, []
+    reach = np.minimum.outer(np.arange(1.0, n + 1), np.arange(1.0, n + 1))
+    C = np.block([[np.eye(n), np.zeros((n, n))], [np.zeros((n, n)), reach]])
+    load = np.append(np.ones(n), -100.0 * np.arange(n))
+    springs = CoulombProblem(C, load, np.zeros(n), np.arange(n), offset=np.ones(n))
+    least = _Descent._least
+    monkeypatch.setattr(_Descent, "_least", lambda *args: taken.append(1) or least(*args))
+    assert springs.solves(solution_within(springs, np.append(np.ones(n), -np.ones(n))))
+    together = len(taken)
+    monkeypatch.setattr(active_set, "TOGETHER", 1.0)
+    monkeypatch.setattr(active_set, "ARC", ())
+    assert springs.solves(solution_within(springs, np.append(np.ones(n), -np.ones(n))))
+    assert 2 * together < len(taken) - together

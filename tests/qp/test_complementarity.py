@@ -591,7 +591,7 @@ def test_a_surface_that_closes_is_far_softer_than_its_nodes(monkeypatch):
             z = only_solution(problem, z)
             assert_obeys(problem, z)
         taken.append(len(systems))
-    assert 2 * taken[0] <= taken[1]
+    assert taken[0] <= 0.75 * taken[1]  # a descent of the energy, too, changes many nodes at once
 
 
 def test_a_body_that_nothing_holds_yet_starts_where_all_nodes_stick(monkeypatch):
