@@ -260,7 +260,7 @@ class _Mprgp:
                    for a in steps)
 
     def relaxed_step(self, y, g, needed):
-        """x <- relax(y, g, residual), if f decreases as much as in other steps; returns whether it does.
+        """x <- relax(y, g, residual), if f decreases as much as in other steps; whether it does.
 
         y is the end of the whole CG step, feasible or not (then its active set follows from the
         block problem instead of a projection), or x itself where components are to be released.
