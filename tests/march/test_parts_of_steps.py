@@ -668,6 +668,18 @@ def test_where_no_method_finds_a_solution(monkeypatch):
     assert globalization.solve_condensed(problem, np.zeros(1))[1] == "few"
 
 
+@pytest.mark.parametrize("more, pivots", [(0, 1), (1, 0)])
+def test_many_nodes_are_not_solved_by_pivots(monkeypatch, more, pivots):
+    """Of k nodes there are about 4 k, each of 16 k^2 numbers: minutes and more."""
+    tried = []
+    monkeypatch.setattr(globalization.complementarity, "approached", lambda *_: None)
+    monkeypatch.setattr(globalization.complementarity, "lemke", tried.append)
+    problem = SimpleNamespace(k=0, bilateral=np.zeros(1, bool),
+                              n=globalization.CONDENSED_NODES + more)
+    assert globalization.followed(problem, np.zeros(1)) == (None, "")
+    assert len(tried) == pivots
+
+
 @pytest.mark.parametrize("balance, method", [(0.0, globalization.NEWTON),
                                              (2.0, globalization.NO_STATE)])
 def test_where_no_node_meets_anything_there_is_one_state(balance, method):
