@@ -78,7 +78,9 @@ def followed(problem: CoulombProblem, start: np.ndarray) -> tuple[np.ndarray | N
     z = complementarity.approached(problem, start)
     if z is not None:
         return z, NEWTON
-    ways = [(LEMKE, lambda: complementarity.lemke(problem))]
+    ways = []
+    if problem.n <= CONDENSED_NODES:  # each of its pivots, as many as rows, changes a dense matrix
+        ways.append((LEMKE, lambda: complementarity.lemke(problem)))
     if problem.n <= MOST_NODES:
         ways.append((CONTINUATION, lambda: at_the_end_of_a_path(problem, start)))
     if problem.k or problem.bilateral.any():  # else Lemke's method is sure to end

@@ -42,7 +42,7 @@ class MoreDigits:
 
         Raises Unfinished.
         """
-        march, place = self.march, self.march.fixed_point.place(load)
+        march, place, first = self.march, self.march.fixed_point.place(load), start
         if not self.needed:
             try:
                 return march.closure.settled(index, load, start, trace, march.solve)
@@ -57,4 +57,11 @@ class MoreDigits:
                     start = failed.x, failed.gradient, march.rows.sliding(failed.x, bound)
             self.needed = not differ  # beside stiff bodies other loads may need it no more
         with march.condensation.refined():
+            try:
+                return march.closure.settled(index, load, start, trace, march.solve)
+            except Unfinished as failed:
+                if not (failed.near and self.needed):
+                    raise
+            # so near to what is asked for another way there may do: that from the first start
+            start = march.fixed_point.back(load, place, first)
             return march.closure.settled(index, load, start, trace, march.solve)

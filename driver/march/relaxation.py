@@ -15,6 +15,8 @@ from ..qp.mprgp import mprgp
 
 REDUCTION = 0.1  # of the residual: the gluing's answer spoils more than that
 LIMIT = 1000  # products with F_cc
+# of them at most for more than that: F_cc costs as much as F there, and a step in vain a few of F
+MORE = 10
 
 
 class ContactRelaxation:
@@ -36,11 +38,11 @@ class ContactRelaxation:
         """Feasible multipliers (owned,) and their gradient, from any y with its gradient.
 
         The box problem is solved until its residual is a tenth of the whole residual or `tol`.
-        Without gluing rows, whose answer would spoil it, of the `known` residual of feasible
-        multipliers that these are to better: where compliances differ much, y may be far outside
-        the box and the residual at its nearest point huge. The
-        gradient is right on the contact rows only. MPRGP never raises f: where it does not get that
-        far, the answer is poorer but still one.
+        Without gluing rows, whose answer would spoil it, a few products more go to a tenth of the
+        `known` residual of feasible multipliers that these are to better: where compliances differ
+        much, y may be far outside the box and the residual at its nearest point huge. The gradient
+        is right on the contact rows only. MPRGP never raises f: where it does not get that far, the
+        answer is poorer but still one.
         """
         block = self.deflation.block
         before, g, lower, upper = block.gathered(y, gradient, *limits)
@@ -49,14 +51,17 @@ class ContactRelaxation:
         projected = projected_gradient(start, g, lower, upper)
         scaled = self.scale * block.scatter(projected, gradient)
         residual = np.sqrt(self.operator.dot(scaled, scaled))
-        if self.whole:
-            residual = min(residual, known)
-        result = mprgp(block.apply, block.apply(start) - g, lower, upper, start,
-                      tol=max(tol, REDUCTION * residual), norm_bound=self.norm_bound,
-                      preconditioner=self.deflation.contact, max_products=LIMIT, gradient0=g,
-                      expansion="cg", scale=self.contact_scale)
-        self.history.counts["contact_block_products"] += result.products
-        return block.scatter(result.x, y), block.scatter(result.gradient, gradient)
+        asked, load = [(residual, LIMIT)], block.apply(start) - g
+        if self.whole and known < residual:
+            asked.append((known, MORE))
+        for size, most in asked:
+            result = mprgp(block.apply, load, lower, upper, start, tol=max(tol, REDUCTION * size),
+                           norm_bound=self.norm_bound, preconditioner=self.deflation.contact,
+                           max_products=most, gradient0=g, expansion="cg",
+                           scale=self.contact_scale)
+            self.history.counts["contact_block_products"] += result.products
+            start, g = result.x, result.gradient
+        return block.scatter(start, y), block.scatter(g, gradient)
 
     def relaxed(self, y: np.ndarray, gradient: np.ndarray, known: float, limits,
                 tol: float) -> np.ndarray:

@@ -184,8 +184,10 @@ def _march(directory: Path, request: Request, problem: Problem, solver: Quasista
     """
     comm, history, failure = writer.operator.comm, solver.history, None
     checkpoints = Checkpoints(directory, request.fingerprint, solver)
-    for step in checkpoints.restore():
+    finished, products = checkpoints.restore(), solver.operator.products
+    for step in finished:
         estimator.consider(step, *writer.add(step, replayed=True))
+    solver.operator.products = products  # displacements refined anew count once
     resumed, before = history.steps, history.seconds + history.examining
     with agreed_writes(comm):
         progress = _progress(directory, request, problem, solver.total, resumed, comm)

@@ -1,9 +1,15 @@
 """Steps that rounding keeps from ending, as of thin rails, whose loads alone bend them far."""
 
+import contextlib
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from driver.errors import NotConverged
 from driver.march import globalization
+from driver.march.more_digits import MoreDigits
+from driver.march.step import Unfinished
 
 LENGTH, THICK, WEIGHT, FRICTION = 2.0, 0.01, 1e7, 0.4
 
@@ -73,6 +79,31 @@ def test_steps_begin_with_the_digits_that_the_one_before_needed(rail, monkeypatc
     monkeypatch.setattr(more_digits.MoreDigits, "settled", settled)
     rail(subdomains="7x1", uniqueness="no")
     assert begun == [False, True]
+
+
+@pytest.mark.parametrize("needed", [False, True])
+def test_what_fails_by_little_again_is_solved_from_its_first_start(needed):
+    """By refined displacements; a start near the solution may stay as near as it is."""
+    latest, tried = np.ones(1), []
+    first = np.zeros(1), np.zeros(1), np.zeros(1)
+
+    def settled(_index, _load, start, _trace, _solve):
+        tried.append(start[0])
+        if len(tried) < 3 - needed:
+            raise Unfinished(NotConverged("by little"), latest, latest, near=True)
+        return "answer"
+
+    march = SimpleNamespace(
+        fixed_point=SimpleNamespace(place=lambda load: "place", back=lambda load, place, at: at),
+        operator=SimpleNamespace(uneven=False, bodies_differ=False), solve=None,
+        effects=SimpleNamespace(closes=False), closure=SimpleNamespace(settled=settled),
+        rows=SimpleNamespace(friction_bound=lambda x: x, sliding=lambda x, bound: x),
+        condensation=SimpleNamespace(refined=contextlib.nullcontext))
+    more = MoreDigits(march)
+    more.needed = needed
+    assert more.settled(1, None, first, None) == "answer" and more.needed
+    begun = [first[0], latest, first[0]] if not needed else [first[0], first[0]]
+    assert all(x is known for x, known in zip(tried, begun, strict=True))
 
 
 @pytest.mark.slow

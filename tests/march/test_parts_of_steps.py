@@ -18,6 +18,7 @@ from driver.contact.states import OPEN, SLIP, STICK
 from driver.effects import Effect
 from driver.march import cycle_verdict as cycles
 from driver.march import checkpoint, globalization
+from driver.march import relaxation as relaxation_module
 from driver.march.closure import Closure
 from driver.march.cycle_verdict import MOVED, WORN, Past, judged
 from driver.march.following import (AFRESH, COMBINED, EACH, PLAIN, SHARES, FollowingSolver,
@@ -174,7 +175,7 @@ def test_no_qp_is_asked_for_more_than_products_round_off(part, step):
     assert len(products) == (2 if part < 1e-7 else 0)
 
 
-def test_the_contact_problem_for_given_gluing_forces():
+def test_the_contact_problem_for_given_gluing_forces(monkeypatch):
     """Until a tenth of the whole residual is left; gradients of contact rows are those there."""
     F, d = matrix(2, 9), np.random.default_rng(3).standard_normal(9)
     near, scale = np.arange(6), np.random.default_rng(4).uniform(0.5, 2, 9)
@@ -210,6 +211,12 @@ def test_the_contact_problem_for_given_gluing_forces():
     np.testing.assert_array_equal(relaxed(1e-6), x)
     # without gluing a tenth of what the iterate has already, however far y is outside the box
     relaxation.whole = True
+    before, counts = history.counts["contact_block_products"], history.counts
+    np.testing.assert_array_equal(relaxed(np.inf), x)
+    own = counts["contact_block_products"] - before
+    relaxed(1e-6)  # a few products more, not as many as that takes: products with F are as cheap
+    assert own < counts["contact_block_products"] - before - own <= own + relaxation_module.MORE
+    monkeypatch.setattr(relaxation_module, "MORE", relaxation_module.LIMIT)
     better = relaxed(1e-6)
     assert np.linalg.norm(left * scale[:6]) > 1e-7
     left = projected_gradient(better, F @ better - d, lower, upper)[:6]
@@ -666,6 +673,18 @@ def test_where_no_method_finds_a_solution(monkeypatch):
     problem.n += 1
     monkeypatch.setattr(globalization, "solution_among", lambda *_: (np.ones(1), "few"))
     assert globalization.solve_condensed(problem, np.zeros(1))[1] == "few"
+
+
+@pytest.mark.parametrize("more, pivots", [(0, 1), (1, 0)])
+def test_many_nodes_are_not_solved_by_pivots(monkeypatch, more, pivots):
+    """Of k nodes there are about 4 k, each of 16 k^2 numbers: minutes and more."""
+    tried = []
+    monkeypatch.setattr(globalization.complementarity, "approached", lambda *_: None)
+    monkeypatch.setattr(globalization.complementarity, "lemke", tried.append)
+    problem = SimpleNamespace(k=0, bilateral=np.zeros(1, bool),
+                              n=globalization.CONDENSED_NODES + more)
+    assert globalization.followed(problem, np.zeros(1)) == (None, "")
+    assert len(tried) == pivots
 
 
 @pytest.mark.parametrize("balance, method", [(0.0, globalization.NEWTON),
