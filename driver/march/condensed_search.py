@@ -131,7 +131,7 @@ class CondensedSearch:
             headway.note(state if settled else None, missed, lacking)
             nearly.note(state if almost else None, missed, lacking)
             if settled and self._ends(whole, missed, headway.idle):
-                self._note(method, index, trace)
+                self.qp.history.fallbacks.note(method, index)
                 return headway.answer
             if change is None:
                 change, solver = self._solved_for(load, x, gradient)
@@ -142,14 +142,8 @@ class CondensedSearch:
             method = method if solver == globalization.NEWTON else solver
             x, gradient = self._followed(index, load, x, gradient, change, trace)
         if nearly.answer is not None:
-            self._note(method, index, trace)
-        return nearly.answer
-
-    def _note(self, method: str, index: int, trace: Trace) -> None:
-        """Record that step `index` needed `method`: not where it has corrected what Newton's found.
-        """
-        if method != globalization.NEWTON or not trace.shortcut:
             self.qp.history.fallbacks.note(method, index)
+        return nearly.answer
 
     def _of_acting(self, coefficient: np.ndarray) -> np.ndarray:
         """`coefficient` (j,) where friction acts, in other rows of corners that of their own slip.

@@ -38,9 +38,8 @@ class _Approximation:
     x: np.ndarray
     gradient: np.ndarray | None
     sliding: np.ndarray
-    before: int  # iterations, products with F and with F_cc, before the first of them
+    before: int  # iterations, and products with F, before the first of them
     products: int
-    relaxed: int
     eliminates: bool  # where stiffness jumps, once
     start: tuple = ()  # of the QP at hand: multipliers and gradient
     taken: int = 0  # QPs that were solved
@@ -77,7 +76,7 @@ class FixedPoint:
         gradient and the rows that slide. Raises Unfinished.
         """
         self.rtol, self.corrects_motion = rtol, self.operator.modes > 0
-        now = _Approximation(x, gradient, sliding, trace.iterations, *self._products,
+        now = _Approximation(x, gradient, sliding, trace.iterations, self.operator.products,
                              self.search.stiff)
         secants, place = self.bodies.secants(), self.bodies.place(load)
         found = (self.shortcut.begins(load, trace, x, gradient, rtol)
@@ -117,11 +116,6 @@ class FixedPoint:
         return result, change
 
     @property
-    def _products(self) -> tuple[int, int]:
-        """Products with F and with F_cc so far."""
-        return self.operator.products, self.history.counts["contact_block_products"]
-
-    @property
     def _repeats(self) -> bool:
         """Whether a step takes more than one QP."""
         return self.coupled or self.operator.modes > 0
@@ -140,9 +134,8 @@ class FixedPoint:
         if now.loose <= self.rtol and self._settled(change, result):
             return now.state
         now.taken += 1
-        products, relaxed = self._products
-        spent, relaxed = products - now.products, relaxed - now.relaxed
-        if self.shortcut.pays(trace, now.x, self._target(now.x), (spent, relaxed), now.taken):
+        spent = self.operator.products - now.products
+        if self.shortcut.pays(trace, now.x, self._target(now.x), spent, now.taken):
             if found := self.shortcut.solution(index, load, now.x, trace, self.rtol):
                 return found
         if self._tired(now, trace) and trace.iterations - now.before <= 2 * WINDOW:

@@ -107,19 +107,16 @@ class Shortcut:
         newton = elimination.products(FACTORIZATIONS * condensation.near**3 / 3)
         return elimination.price <= AT_ONCE and newton <= 2 * AT_ONCE
 
-    def pays(self, trace: Trace, x: np.ndarray, target: float, spent: tuple[int, int],
-             taken: int) -> bool:
+    def pays(self, trace: Trace, x: np.ndarray, target: float, spent: int, taken: int) -> bool:
         """Whether it is cheaper than to go on until changes are below `target`.
 
-        `spent` are the products with F, and those of the contact rows' relaxation, of the
-        iterations `taken` so far, x (owned,) the latest multipliers.
+        `spent` are the products with F of the iterations `taken` so far, x (owned,) the latest
+        multipliers.
         """
         changes = trace.changes[-WINDOW:]
-        if trace.shortcut is not None or not 0 < target < changes[-1] or max(spent) < SPENT:
+        early = spent < SPENT or len(changes) < SEEN
+        if early or trace.shortcut is not None or not 0 < target < changes[-1]:
             return False
-        if len(changes) < SEEN:
-            return max(spent) > LEAST and self._outlasts(*spent)
-        spent = spent[0] + (self._relaxed(spent[1]) if max(spent) > LEAST else 0.0)
         rate = trace.contraction
         if not rate < 1.0 and len(changes) < WINDOW:  # the first ones may grow
             return False
@@ -150,13 +147,9 @@ class Shortcut:
         """
         if not self.possible:
             return False
-        return products + self._relaxed(own) > max(LEAST, self._price(self.condensation.near))
-
-    def _relaxed(self, own: int) -> float:
-        """Products with F in the time of `own` ones of the contact rows, where it is `possible`."""
-        if not self.possible:
-            return 0.0
-        return self.condensation.elimination.products(own * self.condensation.total**2)
+        total = self.condensation.total
+        spent = products + self.condensation.elimination.products(own * total**2)
+        return spent > max(LEAST, self._price(self.condensation.near))
 
     def learn(self, x: np.ndarray, spent: int) -> None:
         """Steps to come begin with elimination if the one QP of this took more, `spent` products.

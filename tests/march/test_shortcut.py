@@ -91,17 +91,17 @@ DRAGGED_PROBLEM = {"h": 0.8, "element": "P2", "subdomains": 4, "steps": 1}
 
 @pytest.fixture
 def decided(built, steps_of):
-    """decided(changes, each=10, target=1e-6, tried=None, spent=100, relaxed=0): whether a shortcut
-    pays where an iteration takes `each` products, `spent` and `relaxed` of contact rows have been.
+    """decided(changes, each=10, target=1e-6, tried=None, spent=100): whether a shortcut pays where
+    an iteration takes `each` products and `spent` have been.
     """
     problem = built("tutorial", **DRAGGED_PROBLEM)
     solver, _ = steps_of(problem)
     way = solver.fixed_point.shortcut
     assert isinstance(way, Shortcut) and way.possible
 
-    def decide(changes, each=10, target=1e-6, tried=None, spent=100, relaxed=0) -> bool:
+    def decide(changes, each=10, target=1e-6, tried=None, spent=100) -> bool:
         trace = Trace(changes=list(changes), shortcut=tried)
-        return way.pays(trace, np.zeros(problem.operator.owned), target, (spent, relaxed),
+        return way.pays(trace, np.zeros(problem.operator.owned), target, spent,
                         spent / each)
 
     decide.way = way
@@ -117,9 +117,6 @@ def test_it_pays_where_more_products_are_to_come_than_its_price(decided):
     assert not decided(halved[:2], 10)  # two changes show no rate
     assert not decided(halved, 10, tried=False) and not decided(halved, 10, tried=True)
     assert not decided(halved, 10, target=0.2)  # settled
-    # products of contact rows count by what they take, from the first change on
-    assert decided(halved, 6, relaxed=10**4) and decided(halved[:1], relaxed=10**6)
-    assert not decided(halved[:1], relaxed=100)
     # no contraction: the first changes may grow; then as many as with the slowest rate
     assert not decided(np.ones(7), 2) and decided(np.ones(8), 2)
 
