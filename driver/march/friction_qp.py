@@ -91,11 +91,14 @@ class FrictionQP:
         scaled = self.scale * displacements
         return np.sqrt(self.operator.dot(scaled, scaled))
 
-    def part(self, x: np.ndarray, gradient: np.ndarray) -> float:
-        """The residual of multipliers x at their own bounds over the tolerance of a step."""
-        own = self.settings.rtol * self.scales.d
-        left = self.size(projected_gradient(x, gradient, *self.rows.limits(len(x), x)))
-        return left / own if own > 0 else 1.0
+    @property
+    def asked(self) -> float:
+        """The tolerance of a step before it is tightened."""
+        return self.settings.rtol * self.scales.d
+
+    def left(self, x: np.ndarray, gradient: np.ndarray) -> float:
+        """The residual of multipliers x (owned,) at the friction bounds of their own pressures."""
+        return self.size(projected_gradient(x, gradient, *self.rows.limits(len(x), x)))
 
     def asked_for(self, displacements: np.ndarray) -> float:
         """The size of displacements that loads bring about.
@@ -134,7 +137,7 @@ class FrictionQP:
 
     def hides(self, x: np.ndarray) -> bool:
         """Whether what a product with the forces x rounds off is beyond the tolerance of a step."""
-        return self.rounded(x) > self.settings.rtol * self.scales.d
+        return self.rounded(x) > self.asked
 
     def extent(self, elastic: np.ndarray, rigid: np.ndarray, before: np.ndarray,
                moved: np.ndarray, given: bool = False) -> float:
@@ -172,7 +175,7 @@ class FrictionQP:
         far less. It is measured at multipliers near theirs, `x`, where tolerances come near to it:
         beyond it MPRGP stagnates however good the solution is. Collective.
         """
-        own, least = self.settings.rtol * self.scales.d, FINEST * self.scales.d
+        own, least = self.asked, FINEST * self.scales.d
         if part * own < NEAR_ROUNDING * least:
             least = max(SPARED * least, STEADY * self.rounded(x))
         self.tol = max(part * own, min(own, least))

@@ -83,8 +83,7 @@ class Shortcut:
         first = trace.shortcut is None and not known and self.comes_first
         if not (first or known and self.possible):
             return False
-        residual = projected_gradient(x, gradient, *self.rows.limits(len(x), x))
-        return self.qp.size(residual) > self.qp.tol or self.bodies.imbalance(load, x) > rtol
+        return self.qp.left(x, gradient) > self.qp.tol or self.bodies.imbalance(load, x) > rtol
 
     @property
     def comes_first(self) -> bool:
@@ -214,7 +213,7 @@ class Shortcut:
         Raises NotConverged.
         """
         rows, qp, condensation = self.rows, self.qp, self.condensation
-        best, nearest = None, qp.settings.rtol * qp.scales.d
+        best, nearest = None, qp.asked
         problem = condensation.problem_by_loads(load)
         condensation.eliminated = True
         for made in range(1, MORE + 1):

@@ -86,7 +86,8 @@ class Tightening:
     @property
     def _by_newton(self) -> bool:
         """Whether the state is a solution of Newton's method for the contact rows, whose residuals
-        are what products, or its system, round off: no tighter QPs help.
+        are what products, or its system, round off: once it has been found again to a tolerance
+        below them, no tighter QPs help.
         """
         found = bool(self.trace.shortcut) and not self._eliminates
         return found and self.march.condensation.elimination is not None
@@ -174,8 +175,10 @@ class Tightening:
             if state is not None:
                 return state
         self._tighten(excess, worst, idle)
-        if self._by_newton:  # it may be far below a tolerance already, which then asks for nothing
-            self.of_qp = min(self.of_qp, BELOW / worst * self.qp.part(x, gradient))
+        if self._by_newton and self.qp.asked > 0:
+            # it may be far below a tolerance already, which then asks for nothing
+            left = self.qp.left(x, gradient) / self.qp.asked
+            self.of_qp = min(self.of_qp, BELOW / worst * left)
         return x, gradient, sliding
 
     def _said(self, name: str, residual: float) -> str:

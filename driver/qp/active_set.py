@@ -15,7 +15,7 @@ point differs by so little from the last that as a rule it has the states of tha
 
 import numpy as np
 
-from .box import clipped
+from .box import ARC, clipped
 from .coulomb import BACKWARD, FORWARD, OPEN, STICK, CoulombProblem
 from .nearby import nearly_in
 
@@ -27,7 +27,6 @@ SOFT = (1e3, 1e5)
 TOGETHER = 0.5  # part of the changes that are left for rows one by one: of bodies that rock most of
 # those that are let go together must be held again
 FEW = 0.3  # part of the rows that have forces, below which those alone are multiplied
-ARC = (1.0, 1 / 4, 1 / 16)  # parts of the way to the least energy that are tried beyond bounds
 FOLLOWED = 6  # times that the rest of these springs follows the bodies
 
 

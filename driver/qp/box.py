@@ -5,6 +5,8 @@ Notation as in mprgp.py. All arrays are local parts of distributed vectors, (n,)
 
 import numpy as np
 
+ARC = (1.0, 1 / 4, 1 / 16)  # parts of a step that are tried on its projected arc
+
 
 def split_gradient(x, g, lower, upper):
     """Free gradient phi and chopped gradient beta, each (n,), at the feasible x (n,).

@@ -29,7 +29,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .box import bound_ratios, clipped, projected_gradient, reduced_free_gradient, split_gradient
+from .box import (ARC, bound_ratios, clipped, projected_gradient, reduced_free_gradient,
+                  split_gradient)
 
 EPS = np.finfo(float).eps
 
@@ -39,7 +40,6 @@ GRADIENT_ROUNDINGS = 10  # of ||A|| ||x|| + ||b||: how exact a gradient Ax - b i
 TURNED = 0.5  # cosine against the gradient beyond which a preconditioner is wrong, not rounded
 MAX_DOUBLINGS = 40  # a factor 2^40 between bound and norm is no bad estimate, but noise in A
 MAX_REFUTATIONS = 3  # of convergence by a recomputed gradient that has not been halved
-ARC = (1.0, 1 / 4, 1 / 16)  # parts of a CG step tried on its projected arc (expansion "cg")
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from thin_rail import RAIL
 
 from driver.errors import NotConverged
 from driver.march import globalization
@@ -12,24 +13,6 @@ from driver.march.more_digits import MoreDigits
 from driver.march.step import Unfinished
 
 LENGTH, THICK, WEIGHT, FRICTION = 2.0, 0.01, 1e7, 0.4
-
-# heated by 15 K, held at one end: less than friction of all its length could hold
-RAIL = """include "scene.idp"
-units("m", "Pa");
-real length = physical("length", 2.), thick = physical("thick", 0.01);
-rectangle(0., length, 0., thick);
-quasistatic(1.);
-macro young() 210e9 //
-macro poisson() 0. //
-macro planeStress() 1 //
-macro support() on(4, u1 = 0.) //
-macro contact() 1 //
-macro friction() 0.4 //
-macro bodyForce1() [0., -1e7] //
-macro thermal2() 1.8e-4 //
-macro amplitude2(t) t //
-include "export.idp"
-"""
 
 
 def sliding(run, length: float, thick: float) -> bool:

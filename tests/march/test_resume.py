@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mpi4py import MPI
+from thin_rail import RAIL
 
 from driver import cli, environment
 from driver.effects import Effects
@@ -199,20 +200,7 @@ def test_body_without_support_goes_on(tmp_path, every_step, stop_after):
 def test_steps_that_begin_with_refined_displacements_go_on(tmp_path, every_step, stop_after, cut):
     """That the step before needed them is part of what is kept: a thin rail that heat stretches."""
     scene = tmp_path / "rail.edp"
-    scene.write_text("""include "scene.idp"
-rectangle(0., 2., 0., 0.01);
-quasistatic(1.);
-macro young() 210e9 //
-macro poisson() 0. //
-macro planeStress() 1 //
-macro support() on(4, u1 = 0.) //
-macro contact() 1 //
-macro friction() 0.4 //
-macro bodyForce1() [0., -1e7] //
-macro thermal2() 1.8e-4 //
-macro amplitude2(t) t //
-include "export.idp"
-""")
+    scene.write_text(RAIL)
     words = (f"SCENE={scene}", "CELLS=1", "STEPS=4", f"SUBDOMAINS={cut}", "PRIMAL_RTOL=1e-9",
              *MODEL[4:])
     execute(*words, f"OUT={tmp_path / 'whole'}")
