@@ -1,9 +1,11 @@
 """Dense symmetric matrices of which one half is kept, or counts."""
 
+from collections.abc import Iterator
+
 import numpy as np
 from scipy.linalg import blas, lapack
 
-AT_A_TIME = 256  # rows that are mirrored: without copies of a large triangle
+AT_A_TIME = 256  # rows that are mirrored or taken out: without copies of a large triangle
 
 
 def mirrored(matrix: np.ndarray) -> np.ndarray:
@@ -45,6 +47,19 @@ class Half:
         """(n, n) with the lower triangle, a copy; what is above it counts for nothing."""
         upper, _ = lapack.dtpttr(self._size, self.entries, uplo="U")
         return upper.T
+
+    def bands(self) -> Iterator[np.ndarray]:
+        """Copies of AT_A_TIME rows after the others, up to where their diagonal ends (k, end).
+
+        What is above the diagonal counts for nothing.
+        """
+        for first in range(0, len(self), AT_A_TIME):
+            end = min(first + AT_A_TIME, len(self))
+            band = np.zeros((end - first, end))
+            for place, row in enumerate(range(first, end)):
+                start = row * (row + 1) // 2
+                band[place, : row + 1] = self.entries[start : start + row + 1]
+            yield band
 
     def whole(self) -> np.ndarray:
         """(n, n) all of it, a copy."""

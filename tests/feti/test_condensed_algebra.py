@@ -1,5 +1,6 @@
 """Algebra of condensed problems on matrices made by hand: fronts, compliances, contact blocks."""
 
+import itertools
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,11 +9,12 @@ from mpi4py import MPI
 from scipy.sparse import csr_matrix, triu
 
 from driver.errors import NotConverged
-from driver.feti import coarse, compliance, elimination_tree, fronts
+from driver.feti import coarse, compliance, elimination_tree, fronts, halves
 from driver.feti.compliance import ContactCompliance, FaceInverse, _Factor, _multiply
 from driver.feti.contact_block import ContactBlock
 from driver.feti.elimination_tree import EliminationTree
 from driver.feti.fronts import GluingElimination
+from driver.feti.halves import Half
 from driver.feti.operator import DualOperator
 from driver.feti.structure import ContactTable, Substructure
 
@@ -108,15 +110,17 @@ def test_parts_are_added_where_their_indices_are():
 @pytest.mark.parametrize("count", [0, 3, 4, 9])
 @pytest.mark.parametrize("place", [[0, 1, 2, 3], [2, 3, 4, 7], [0, 2, 5, 8], [5]])
 def test_blocks_are_added_like_single_entries(monkeypatch, place, count):
-    """Rows beside one another and apart, of pivots and others: to the last bit, in the lower
-    triangle.
+    """Rows beside one another and apart, of pivots and others, of a whole matrix and of a half, so
+    many at a time: to the last bit, in the lower triangle.
     """
     rng, sums = np.random.default_rng(6), []
     start, matrix = rng.standard_normal((9, 9)), rng.standard_normal([len(place)] * 2)
-    for cost in (0, 1e9):
+    for cost, rows in itertools.product((0, 1e9), (None, 1, 3)):
         monkeypatch.setattr(fronts, "A_BLOCK", cost)
+        monkeypatch.setattr(halves, "AT_A_TIME", rows)
         sums.append(start.copy())
-        fronts._add(sums[-1][:, :count], sums[-1][count:, count:], np.array(place), matrix)
+        given = Half(matrix) if rows else matrix
+        fronts._add(sums[-1][:, :count], sums[-1][count:, count:], np.array(place), given)
     expected = start.copy()
     expected[np.ix_(place, place)] += matrix
     for total in sums:
@@ -124,25 +128,31 @@ def test_blocks_are_added_like_single_entries(monkeypatch, place, count):
 
 
 @pytest.mark.parametrize("pivots", [(3, 2), (3, 0), (0, 2), (5, 0), (0, 0)])
-def test_elimination_leaves_the_schur_complement(pivots):
-    """Of positive pivots, then of negative ones; of all matrices the lower triangle counts."""
+@pytest.mark.parametrize("at_once", (1, 2, 9))
+def test_elimination_leaves_the_schur_complement(monkeypatch, pivots, at_once):
+    """Of positive pivots, then of negative ones, so many at once; of all matrices the lower
+    triangle counts.
+    """
+    monkeypatch.setattr(fronts, "AT_ONCE", at_once)
     m, whole = sum(pivots), spd(9)
     whole[pivots[0] : m] *= -1.0
     whole[:, pivots[0] : m] = whole[pivots[0] : m].T
     lower = np.tril(whole)
-    (one, other), left = fronts._eliminated(lower[:, :m], lower[m:, m:].copy(), np.array(pivots))
-    L = np.zeros((m, m))
-    for part, own in ((one, slice(pivots[0])), (other, slice(pivots[0], m))):
-        L[own, own].T[np.triu_indices(len(part))] = part.pivots  # column after column
-    L[pivots[0] :, : pivots[0]] = one.rest[:, : pivots[1]].T
-    sign = np.repeat([1.0, -1.0], pivots)
+    parts, left = fronts._eliminated(lower[:, :m], lower[m:, m:].copy(), np.array(pivots))
+    L, below, end, sign = np.zeros((m, m)), np.empty((0, 9 - m)), 0, np.repeat([1.0, -1.0], pivots)
+    for part in parts:
+        assert 0 < len(part) <= at_once and (sign[end : end + len(part)] == part.sign).all()
+        first, end = end, end + len(part)
+        L[first:end, first:end][np.tril_indices(len(part))] = part.pivots  # row after row
+        L[end:, first:end] = part.sign * part.rest[:, : m - end].T
+        below = np.vstack([below, part.rest[:, m - end :]])
+    assert end == m
     np.testing.assert_allclose(L * sign @ L.T, whole[:m, :m], rtol=1e-12, atol=1e-12)
-    below = np.vstack([one.rest[:, pivots[1] :], other.rest])
     np.testing.assert_allclose(L @ below, whole[:m, m:], rtol=1e-11, atol=1e-11)
     schur = whole[m:, m:] - whole[m:, :m] @ np.linalg.solve(whole[:m, :m], whole[:m, m:])
     np.testing.assert_allclose(np.tril(left), np.tril(schur), rtol=1e-10, atol=1e-10)
     parts, left = fronts._eliminated(np.tril(whole[:m, :m]), np.empty((0, 0)), np.array(pivots))
-    assert left.shape == (0, 0) and parts[1].rest.shape == (pivots[1], 0)
+    assert left.shape == (0, 0) and [part.rest.shape[1] for part in parts][-1:] == [0] * (m > 0)
 
 
 def test_the_price_is_of_fronts_over_that_of_a_product(built):
