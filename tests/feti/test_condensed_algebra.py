@@ -9,7 +9,7 @@ from mpi4py import MPI
 from scipy.sparse import csr_matrix, triu
 
 from driver.errors import NotConverged
-from driver.feti import coarse, compliance, elimination_tree, fronts, halves
+from driver.feti import coarse, compliance, dense_front, elimination_tree, fronts, halves
 from driver.feti.compliance import ContactCompliance, FaceInverse, _Factor, _multiply
 from driver.feti.contact_block import ContactBlock
 from driver.feti.elimination_tree import EliminationTree
@@ -20,6 +20,7 @@ from driver.feti.structure import ContactTable, Substructure
 
 
 def spd(size: int, seed=1) -> np.ndarray:
+    """(size, size) random, positive definite."""
     root = np.random.default_rng(seed).standard_normal((size, size + 3))
     return root @ root.T
 
@@ -98,12 +99,12 @@ def test_parts_are_added_where_their_indices_are():
     for order, count in (([0, 1, 2], 0), ([2, 1, 3, 0], 2), ([1, 2, 0, 3], 3), ([3, 0, 2, 1], 5)):
         parts = [(indices[k], (lambda m=given[k].copy(): m) if k else given[k].copy())
                  for k in order]
-        index, columns, rest = fronts._assembled(parts, count)
+        index, columns, rest = dense_front.assembled(parts, count)
         assert index.tolist() == [0, 1, 4, 6, 9] and not parts
         total = np.hstack([columns, np.vstack([np.zeros((count, 5 - count)), rest])])
         np.testing.assert_allclose(np.tril(total), np.tril(expected[np.ix_(index, index)]),
                                    rtol=1e-14)
-    index, columns, rest = fronts._assembled([], 0)
+    index, columns, rest = dense_front.assembled([], 0)
     assert not len(index) and columns.shape == rest.shape == (0, 0)
 
 
@@ -116,11 +117,11 @@ def test_blocks_are_added_like_single_entries(monkeypatch, place, count):
     rng, sums = np.random.default_rng(6), []
     start, matrix = rng.standard_normal((9, 9)), rng.standard_normal([len(place)] * 2)
     for cost, rows in itertools.product((0, 1e9), (None, 1, 3)):
-        monkeypatch.setattr(fronts, "A_BLOCK", cost)
+        monkeypatch.setattr(dense_front, "A_BLOCK", cost)
         monkeypatch.setattr(halves, "AT_A_TIME", rows)
         sums.append(start.copy())
         given = Half(matrix) if rows else matrix
-        fronts._add(sums[-1][:, :count], sums[-1][count:, count:], np.array(place), given)
+        dense_front._add(sums[-1][:, :count], sums[-1][count:, count:], np.array(place), given)
     expected = start.copy()
     expected[np.ix_(place, place)] += matrix
     for total in sums:
@@ -133,12 +134,12 @@ def test_elimination_leaves_the_schur_complement(monkeypatch, pivots, at_once):
     """Of positive pivots, then of negative ones, so many at once; of all matrices the lower
     triangle counts.
     """
-    monkeypatch.setattr(fronts, "AT_ONCE", at_once)
+    monkeypatch.setattr(dense_front, "AT_ONCE", at_once)
     m, whole = sum(pivots), spd(9)
     whole[pivots[0] : m] *= -1.0
     whole[:, pivots[0] : m] = whole[pivots[0] : m].T
     lower = np.tril(whole)
-    parts, left = fronts._eliminated(lower[:, :m], lower[m:, m:].copy(), np.array(pivots))
+    parts, left = dense_front.eliminated(lower[:, :m], lower[m:, m:].copy(), np.array(pivots))
     L, below, end, sign = np.zeros((m, m)), np.empty((0, 9 - m)), 0, np.repeat([1.0, -1.0], pivots)
     for part in parts:
         assert 0 < len(part) <= at_once and (sign[end : end + len(part)] == part.sign).all()
@@ -151,7 +152,7 @@ def test_elimination_leaves_the_schur_complement(monkeypatch, pivots, at_once):
     np.testing.assert_allclose(L @ below, whole[:m, m:], rtol=1e-11, atol=1e-11)
     schur = whole[m:, m:] - whole[m:, :m] @ np.linalg.solve(whole[:m, :m], whole[:m, m:])
     np.testing.assert_allclose(np.tril(left), np.tril(schur), rtol=1e-10, atol=1e-10)
-    parts, left = fronts._eliminated(np.tril(whole[:m, :m]), np.empty((0, 0)), np.array(pivots))
+    parts, left = dense_front.eliminated(np.tril(whole[:m, :m]), np.empty((0, 0)), np.array(pivots))
     assert left.shape == (0, 0) and [part.rest.shape[1] for part in parts][-1:] == [0] * (m > 0)
 
 
@@ -164,13 +165,13 @@ def test_the_price_is_of_fronts_over_that_of_a_product(built):
     work = sum(len(c.members) * (len(c.F) + len(c.S)) ** 2 / (fronts.SHARED if c.shared else 1)
                for c in classes)
     product = 2 * work + fronts.EACH_PRODUCT
-    sizes, one = [], fronts._eliminated
+    sizes, one = [], fronts.eliminated
     try:
-        fronts._eliminated = lambda columns, rest, pivots: sizes.append(
+        fronts.eliminated = lambda columns, rest, pivots: sizes.append(
             (pivots.sum(), len(columns))) or one(columns, rest, pivots)
         elimination.compliance()
     finally:
-        fronts._eliminated = one
+        fronts.eliminated = one
     made = elimination._tree.fronts
     assert sum(m for m, _ in sizes) == sum(front.pivots for front in made)
     operations = sum(front.pivots * front.size**2 / 2 for front in made)

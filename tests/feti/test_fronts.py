@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from driver.errors import NotConverged
-from driver.feti import elimination_tree, fronts
+from driver.feti import dense_front, elimination_tree, fronts
 from driver.feti.fronts import GluingElimination
 from driver.feti.rows import RowKind, contact_row_numbers
 
@@ -46,13 +46,13 @@ def test_the_order_of_fronts_follows_the_interfaces(built, monkeypatch, merged):
     interfaces and of contact, and corners; a bad order would fill them with all there are. Merged
     ones are fewer, and their pivots the same. The price counts these sizes.
     """
-    problem, sizes, one = built("model", subdomains="8x4", cells=4), [], fronts._eliminated
+    problem, sizes, one = built("model", subdomains="8x4", cells=4), [], fronts.eliminated
 
     def eliminated(columns, rest, pivots):
         sizes.append((pivots.sum(), len(columns)))
         return one(columns, rest, pivots)
 
-    monkeypatch.setattr(fronts, "_eliminated", eliminated)
+    monkeypatch.setattr(fronts, "eliminated", eliminated)
     if not merged:
         monkeypatch.setattr(elimination_tree, "_pays", lambda child, parent: False)
     elimination = GluingElimination(problem.operator)
@@ -90,7 +90,7 @@ def test_what_is_not_definite_is_refused():
     matrix = np.array([[4.0, 0.0], [2.0, 1.0]])  # lower triangle
     for sign, pivots in ((1.0, (1, 0)), (-1.0, (0, 1))):
         columns, rest = sign * matrix[:, :1], sign * matrix[1:, 1:]
-        (part,), left = fronts._eliminated(columns, rest, np.array(pivots))
+        (part,), left = dense_front.eliminated(columns, rest, np.array(pivots))
         assert (part.pivots, part.rest, left) == ([[2.0]], [[sign]], [[0.0]])
     with pytest.raises(NotConverged, match="could not be eliminated"):
-        fronts._eliminated(matrix[:, :1], matrix[1:, 1:], np.array([0, 1]))
+        dense_front.eliminated(matrix[:, :1], matrix[1:, 1:], np.array([0, 1]))

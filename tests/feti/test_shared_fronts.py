@@ -24,7 +24,7 @@ from driver.feti.fronts import GluingElimination
 from driver.march.problem import assemble
 
 comm, alone = MPI.COMM_WORLD, MPI.COMM_SELF
-pays, one = elimination_tree._pays, fronts._eliminated
+pays, one = elimination_tree._pays, fronts.eliminated
 for directory in sys.argv[1:]:
     for merged in (pays, lambda child, parent: False):
         elimination_tree._pays = merged
@@ -49,14 +49,14 @@ for directory in sys.argv[1:]:
                 raise NotConverged("here alone")
             return one(*given)
 
-        fronts._eliminated = refused
+        fronts.eliminated = refused
         try:
             GluingElimination(shared._operator).compliance()
         except NotConverged as problem:  # on every rank, and none waits
             pass
         else:
             raise AssertionError("a rank did not hear of it")
-        fronts._eliminated = one
+        fronts.eliminated = one
 print("same", flush=True)
 """
 
