@@ -238,7 +238,8 @@ def prepare_numpy() -> None:
     for a comparison warns and continues with False.
     """
     warnings.filterwarnings("error", "elementwise comparison failed", DeprecationWarning)
-    import numpy as np
+    with undisturbed():  # packages whose import is interrupted stay there in parts
+        import numpy as np
 
     _ask_for(BLAS_BUFFER)
     np.dot(np.ones((300, 300)), np.ones(300))  # smaller products do without

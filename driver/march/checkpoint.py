@@ -18,7 +18,7 @@ import zipfile
 import zlib
 from pathlib import Path
 
-from ..environment import ROOT, petsc_place
+from ..environment import ROOT, petsc_place, undisturbed
 from ..files import renamed
 
 NAME = "checkpoint.bin"
@@ -86,7 +86,8 @@ def read(directory: Path) -> dict | None:
 
     Raises OSError if memory is too short to see.
     """
-    from .packing import unpacked
+    with undisturbed():  # packages whose import is interrupted stay there in parts
+        from .packing import unpacked
 
     try:
         content = (directory / NAME).read_bytes()

@@ -632,6 +632,38 @@ except KeyboardInterrupt:
 """
 
 
+AMID = """
+import os, pathlib, signal, sys
+sys.path.insert(0, {root!r})
+from driver import environment
+environment.heed_interrupts()
+
+class Finder:
+    @staticmethod
+    def find_spec(name, *_):
+        if name == "numpy.core":
+            os.kill(os.getpid(), signal.{name})
+
+sys.meta_path.insert(0, Finder)
+try:
+    {load}
+except KeyboardInterrupt:
+    print("whole" if hasattr(sys.modules.get("numpy"), "dtype") else "in parts")
+"""
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+@pytest.mark.parametrize("load", [
+    "from driver.march import checkpoint; checkpoint.read(pathlib.Path('nowhere'))",
+    "environment.prepare_numpy()"])
+def test_numpy_is_loaded_whole(name, load):
+    """An interrupt waits for the end of its import, which NumPy might go on from with parts."""
+    code = AMID.format(root=str(environment.ROOT), name=name, load=load)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60,
+                          check=True)
+    assert done.stdout == "whole\n"
+
+
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
 @pytest.mark.parametrize("code", [SWALLOWED, DROPPED], ids=["printed", "dropped"])
 def test_interrupts_in_callbacks_are_not_forgotten(code, name):
