@@ -105,10 +105,12 @@ class GluingElimination:
         C = C - across - across.T + R @ ((work + work.T) / 2 + np.diag(op.rho)) @ R.T
         return (C + C.T) / 2
 
-    def products(self, operations: float) -> float:
-        """The number of products with F that take as long as dense `operations` (multiplications).
+    def products(self, operations: float, dense: bool = True) -> float:
+        """The number of products with F that take as long as `operations` (multiplications).
+
+        `dense` ones, as of factorizations, or such that wait for memory as a product with F does.
         """
-        return operations / SPEED / self._product
+        return operations / (SPEED if dense else 1.0) / self._product
 
     def change(self, residual: np.ndarray) -> np.ndarray:
         """(dual rows,) change of the gluing multipliers that takes F's `residual` off their rows.

@@ -268,15 +268,15 @@ class FreeBodies:
         op, rows = self.operator, self.rows
         if any(LOOSE in line for line in self.history.warnings):
             return
-        motions = op.motions
-        acts = np.zeros(op.owned)
+        motions, acts = np.column_stack(op.motions), np.zeros(op.owned)
         acts[rows.normal] = self._presses(x)
         bound, changes = rows.friction_bound(x), self.effects.coefficient_changes
         acts[rows.tangential] = self._counts(rows.tangential, bound) & (
             (np.abs(x[rows.tangential]) < (1 - SLIGHT) * bound) | changes)
-        stiffness = np.array([[op.dot(acts * a, b) for b in motions] for a in motions])
+        stiffness = np.array([op.vectors.dots(motions, (acts * a)[:, None]) for a in motions.T])
         # squares of roundings
-        if np.linalg.eigvalsh(stiffness)[0] <= 1e-12 * max(op.dot(d, d) for d in motions):
+        largest = op.vectors.dots(motions, motions).max()
+        if np.linalg.eigvalsh(stiffness)[0] <= 1e-12 * largest:
             self.history.warnings.append(
                 f"{step_name(index)}: {LOOSE}; its displacements are one of many solutions")
 
@@ -285,7 +285,7 @@ def _least(held: np.ndarray, limited: np.ndarray, room: np.ndarray,
            aim: np.ndarray) -> np.ndarray:
     """z (modes,) nearest to `aim` with `held` z = 0 and `limited` z <= `room`, none negative."""
     reach = np.abs(np.vstack([held, limited])).max(initial=0.0)
-    _, sizes, basis = np.linalg.svd(np.vstack([held, np.zeros((1, len(aim)))]))
+    _, sizes, basis = np.linalg.svd(np.linalg.qr(np.vstack([held, np.zeros((1, len(aim)))]), "r"))
     free = basis[np.count_nonzero(sizes > WEAK * reach * np.sqrt(len(held) + 1)) :]
     aim, limited = free @ aim, limited @ free.T
     # what `held` keeps in place also leaves rounding of rows, of either sign, that would be limits

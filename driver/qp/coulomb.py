@@ -267,7 +267,8 @@ class CoulombProblem:
         turned = softness * self.motions / self.reach**2
         return CoulombProblem(self.compliance + turned @ self.motions.T,
                               self.load + self.motions @ rest + turned @ self.balance,
-                              self.coefficient, self.pair, self.bilateral, offset=self.offset)
+                              self.coefficient, self.pair, self.bilateral, offset=self.offset,
+                              at_work=self.at_work)
 
     def sprung(self, softness: float, rest: np.ndarray, x: np.ndarray) -> np.ndarray:
         """(k,) where the bodies `on_springs` are under the forces x (n + m,)."""

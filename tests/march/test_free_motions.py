@@ -70,9 +70,10 @@ def free(modes, motions, **operator) -> FreeBodies:
     structure = SimpleNamespace(
         rigid_modes=modes, row_range=(10, 14), dual_dofs=100, patterns=1,
         travel=SimpleNamespace(bodies=SimpleNamespace(size=np.array([2.0, 4.0]))))
+    vectors = SimpleNamespace(dots=lambda a, b: (a * b).sum(axis=0))
     return FreeBodies(SimpleNamespace(minimum=float, **{
         "motions": [np.array(motion, float) for motion in motions], "structure": structure,
-        "owned": 4, "dot": np.dot, "modes": len(modes), "comm": MPI.COMM_SELF, **operator}),
+        "owned": 4, "dot": np.dot, "vectors": vectors, "modes": len(modes), "comm": MPI.COMM_SELF, **operator}),
         rows, SimpleNamespace(contact=True, frictional=True, coefficient_changes=False), Scales(),
         SimpleNamespace(warnings=[]))
 

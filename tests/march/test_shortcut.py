@@ -128,18 +128,27 @@ def test_it_comes_first_where_rows_are_cheap_to_eliminate(decided, monkeypatch):
     fronts, moved, asked = way.condensation.elimination, np.ones_like(x), []
 
     def first(price=shortcut.AT_ONCE, newton=2 * shortcut.AT_ONCE, tried=None, alike=False,
-              cut_alike=False, published=300):
+              cut_alike=False, published=300, relaxing=0.0):
         monkeypatch.setattr(type(way.condensation.operator), "alike", alike)
         monkeypatch.setattr(type(way.condensation.operator), "cut_alike", cut_alike)
         monkeypatch.setattr(shortcut, "PUBLISHED", published)
         vars(way).pop("_cheaper", None)
         monkeypatch.setattr(fronts, "price", price)
-        monkeypatch.setattr(fronts, "products", lambda count: asked.append(count) or newton)
+
+        def products(count, dense=True):
+            asked.append((count, dense))
+            return newton if dense else relaxing
+
+        monkeypatch.setattr(fronts, "products", products)
         return way.begins(None, Trace(shortcut=tried), x, moved, 1e-6)
 
     assert first()  # factors of matrices of all contact rows, which lie near
-    assert asked == [shortcut.FACTORIZATIONS * way.condensation.total**3 / 3]
+    assert asked == [(shortcut.FACTORIZATIONS * way.condensation.total**3 / 3, True),
+                     (shortcut.BESIDE * shortcut.RELAXED * way.condensation.total**2, False)]
     assert not first(price=shortcut.AT_ONCE + 1) and not first(newton=2 * shortcut.AT_ONCE + 1)
+    # relaxation of many contact rows takes as long as Newton's method may
+    assert first(newton=6 * shortcut.AT_ONCE, relaxing=2.0)
+    assert not first(newton=6 * shortcut.AT_ONCE, relaxing=1.9)
     assert not first(alike=True)  # products of alike subdomains cost little
     monkeypatch.setattr(way.condensation, "junctions", True)
     assert first(alike=True)  # but not where bodies meet in junctions: equal bricks
@@ -334,7 +343,8 @@ def test_what_a_qp_may_take_is_the_price_of_elimination(decided, monkeypatch, pr
     """
     way = decided.way
     elimination = SimpleNamespace(
-        price=price, products=lambda operations: operations / way.condensation.total**2)
+        price=price, products=lambda operations, dense=True: operations / (
+            (1.0 if dense else shortcut.RELAXED) * way.condensation.total**2))
     monkeypatch.setattr(way.condensation, "elimination", elimination)
     monkeypatch.setattr(way.condensation, "eliminated", False)
     monkeypatch.setattr(shortcut, "FACTORIZATIONS", 0)

@@ -11,14 +11,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from contact_law import assert_obeys
 from driver.hard.dense import box_qp
-from driver.qp import complementarity, one_solution, pivots
+from driver.qp import complementarity, pivots
 from driver.qp.complementarity import (
     all_solutions, approached, index, lemke, newton, search, settled)
 from driver.contact.states import OPEN, STICK
 from driver.qp.coulomb import BACKWARD, FORWARD, CoulombProblem
 from driver.qp.nearby import Nearby
-from driver.qp.one_solution import only_solution
 from driver.qp.state_system import StateSystem
 
 SEEDS = 20
@@ -42,34 +42,6 @@ def random_problem(seed, nodes, largest=3.0, motions=0, bilateral=False):
     return CoulombProblem(root @ root.T * np.outer(unit, unit), rng.standard_normal(2 * nodes),
                           rng.uniform(0, largest, nodes), np.arange(nodes), bilateral,
                           offset=offset, **free)
-
-
-def assert_obeys(problem, z, bilateral=False):
-    """Contact, friction and equilibrium at every node, from the definition of the law."""
-    n, rows = problem.n, len(problem.load)
-    x, offset = z[:rows], np.zeros(problem.m) if problem.offset is None else problem.offset
-    moved = problem.load - problem.compliance @ x + problem.motions @ z[rows:]
-    # rounding of dense systems of ten rows: their condition, below 1e4 for nearly all seeds, times
-    # eps, with room
-    force = 1e-8 * max(np.abs(x).max(), np.abs(problem.load / np.diag(problem.compliance)).max())
-    length = force * np.diag(problem.compliance)
-    for i in range(n):
-        pressure, over = x[i], moved[i]
-        if np.broadcast_to(bilateral, n)[i]:
-            assert abs(over) <= length[i]
-        else:
-            assert pressure >= -force and over <= length[i] and (pressure <= force
-                                                                 or abs(over) <= length[i])
-    for k, i in enumerate(problem.pair):
-        bound, shear, slip = offset[k] + problem.coefficient[k] * abs(x[i]), x[n + k], moved[n + k]
-        assert abs(shear) <= bound + force
-        if abs(shear) < bound - force:
-            assert abs(slip) <= length[n + k]  # sticks
-        elif bound > force:
-            assert slip * np.sign(shear) >= -length[n + k]  # slides the way that friction resists
-    if len(z) > rows:
-        assert np.abs(problem.motions.T @ x
-                      - problem.balance).max() <= 10 * force * np.abs(problem.motions).max() * rows
 
 
 def among(x, solutions):
@@ -515,53 +487,6 @@ def test_a_surface_that_turns_back_is_followed_by_softer_movements(nodes, togeth
     assert approached(problem, forth) is None
 
 
-def counted(monkeypatch) -> list:
-    """A list that grows with every linear system that is solved, by factors of its own or not."""
-    systems, factorize, solution = [], StateSystem.__init__, Nearby.solution
-
-    def make(*given):
-        systems.append(1)
-        factorize(*given)
-
-    def update(*given):
-        z = solution(*given)
-        systems.extend([1] * (z is not None))
-        return z
-
-    monkeypatch.setattr(StateSystem, "__init__", make)
-    monkeypatch.setattr(Nearby, "solution", update)
-    return systems
-
-
-def halfspace(nodes: int, friction: float) -> CoulombProblem:
-    """Nodes along a line on a half-space, pressed by a parabola and dragged, of one solution."""
-    distance = np.abs(np.subtract.outer(np.arange(nodes), np.arange(nodes)))
-    near, none = 1.0 - np.log(1.0 + distance) / (2 * np.log(nodes)), np.zeros((nodes, nodes))
-    place = np.linspace(-1.2, 1.2, nodes)
-    load = np.append(1.0 - place**2, np.full(nodes, 0.1))
-    return CoulombProblem(np.block([[near, none], [none, near]]), load,
-                          np.full(nodes, friction), np.arange(nodes))
-
-
-@pytest.mark.parametrize("friction, part", [(0.0, 1.0), (0.3, 0.8), (0.6, 0.6)])
-def test_an_only_solution_takes_fewer_systems(friction, part, monkeypatch):
-    """Step after step of a drag to and fro, to the bits of what other ways come to.
-    """
-    problem, before = halfspace(120, friction), np.zeros(240)
-    systems, taken = counted(monkeypatch), {approached: 0, only_solution: 0}
-    for drag in np.sin(np.linspace(0, 2 * np.pi, 20)):
-        problem.load[120:] = 0.3 * drag
-        found = {}
-        for way in taken:
-            del systems[:]
-            found[way] = way(problem, before)
-            taken[way] += len(systems)
-        before = found[only_solution]
-        assert np.array_equal(before, found[approached])
-        assert_obeys(problem, before)
-    assert taken[only_solution] <= part * taken[approached]
-
-
 @pytest.mark.parametrize("nodes, changes, settles", [
     (400, (300, 6, 8, 0), True), (400, (300, 6, 9, 0), False),  # two nodes in a hundred
     (100, (60, 3, 4, 0), True), (100, (60, 3, 5, 0), False), (100, (60, 30, 20, 0), True)])
@@ -576,38 +501,6 @@ def test_newton_that_narrows_goes_on_while_few_nodes_change(nodes, changes, sett
         violation=lambda step: 0.0 if step == 4 else 1.0)
     taken = []
     assert complementarity.newton(problem, 0, narrowing=True) == (4 if settles else None)
-
-
-def test_a_surface_that_closes_is_far_softer_than_its_nodes(monkeypatch):
-    """Under half the load all nodes would open again and close: movements count by little."""
-    systems, taken = counted(monkeypatch), []
-    for soft in (one_solution.SOFT, 1.0):
-        monkeypatch.setattr(one_solution, "SOFT", soft)
-        problem, z = halfspace(120, 0.3), np.zeros(240)
-        del systems[:]
-        for press in (1.0, 0.3, 2.0, 0.1):
-            problem.load[:120] = press - np.linspace(-1.2, 1.2, 120) ** 2
-            problem.load[120:] = 0.2 * press
-            z = only_solution(problem, z)
-            assert_obeys(problem, z)
-        taken.append(len(systems))
-    assert taken[0] <= 0.75 * taken[1]  # a descent of the energy, too, changes many nodes at once
-
-
-def test_a_body_that_nothing_holds_yet_starts_where_all_nodes_stick(monkeypatch):
-    """A round punch that moves freely, put down and pushed; one node has no tangential row. Nodes
-    that stick hold it, and then most of them open; from no forces at all nothing leads on.
-    """
-    half, kept = halfspace(60, 0.3), np.delete(np.arange(120), 60)
-    along = np.repeat(np.eye(2), 60, axis=0)[kept]
-    gap = np.append(-12.0 * np.linspace(-1, 1, 60)**2, np.zeros(59))
-    problem = CoulombProblem(half.compliance[np.ix_(kept, kept)], gap, np.full(59, 0.3),
-                             np.arange(1, 60), motions=along, balance=np.array([20.0, 3.0]))
-    z = only_solution(problem, problem.whole(np.zeros(119)))
-    assert 10 < np.count_nonzero(z[:60] > 0) < 50
-    assert_obeys(problem, z)
-    monkeypatch.setattr(one_solution, "_touching", lambda problem, start: start)
-    assert only_solution(problem, problem.whole(np.zeros(119))) is None
 
 
 @pytest.mark.parametrize("friction, pressed, sheared, isolated", [

@@ -5,7 +5,8 @@ import weakref
 
 import numpy as np
 import pytest
-from test_complementarity import halfspace, random_problem
+from test_complementarity import random_problem
+from test_one_solution import halfspace
 
 from driver.contact.states import STICK
 from driver.qp.coulomb import FORWARD, CoulombProblem
