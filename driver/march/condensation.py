@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import NoSolution
 from ..qp import complementarity
-from ..qp.coulomb import SLIGHT, CoulombProblem
+from ..qp.coulomb import ROUNDING, SLIGHT, CoulombProblem
 from ..feti.cholesky import SINGULAR
 from ..feti.compliance import contact_compliance
 from ..feti.dual_problem import DualProblem
@@ -208,7 +208,10 @@ class Condensation:
         problem = self._under(load, compliance @ forces + movement)
         movement = self._opened(movement)
         z = problem.whole(forces)
-        states, signs = problem.states(z, movement), problem.signs(z)
+        # of a solution movements say the same but on the border of states, where they are rounding
+        states = (problem.states_by_forces(z) if problem.violation(z, movement) <= ROUNDING
+                  else problem.states(z, movement))
+        signs = problem.signs(z)
         if problem.system(states, signs).doubtful:
             return None
         change = problem.correction_in(states, signs, z, movement)

@@ -137,6 +137,12 @@ class CoulombProblem:
         sliding = np.where(signs > 0, FORWARD, np.where(signs < 0, BACKWARD, STICK))
         return self.joined(touching, sliding)
 
+    def states_by_forces(self, z: np.ndarray) -> np.ndarray:
+        """(n,) states that the forces in z alone say; what nothing rubs slides, either way."""
+        along, bound = z[self.n : self.rows], self.bounds(z)
+        way = np.where(bound > 0, np.sign(along), 1.0)
+        return self.states_of(z, np.where(np.abs(along) >= (1 - ROUNDING) * bound, way, 0.0))
+
     def on_bounds(self, z: np.ndarray, states: np.ndarray | None = None) -> np.ndarray:
         """z with the forces of open and sliding nodes exactly on the bounds of their states."""
         states, x = self.states(z) if states is None else states, z.copy()

@@ -8,7 +8,7 @@ import numpy as np
 from .anderson import Anderson
 from .borders import on_border
 from .complementarity import approached, approximation, newton
-from .coulomb import ROUNDING, STICK, CoulombProblem
+from .coulomb import STICK, CoulombProblem
 from .dependent_rows import by_yielding
 from .nearby import nearly_in
 
@@ -38,14 +38,21 @@ def only_solution(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | No
         start = _first(problem, start)
     if not problem.coefficient.any():
         return approached(problem, start)
-    z = start = _nearer(problem, start)
-    if problem.solves(z):
-        return _in_states_of(problem, z)
-    softer = problem.softer(SOFT)
-    near = np.count_nonzero(problem.states(z) != _of_forces(problem, z)) <= NEAR * problem.n
+    start = _nearer(problem, start)
+    if problem.solves(start):
+        return _exactly(problem, start)
+    solution = _approximated(problem, start)
+    if solution is None and problem.k:
+        solution = _on_springs(problem, given)
+    return approached(problem, start) if solution is None else solution
+
+
+def _approximated(problem: CoulombProblem, z: np.ndarray) -> np.ndarray | None:
+    """As `only_solution`, by Newton's method from z or from approximations by friction bounds."""
+    softer, bounds = problem.softer(SOFT), Anderson(np.dot, damping=1.0)
+    near = np.count_nonzero(problem.states(z) != problem.states_by_forces(z)) <= NEAR * problem.n
     solution = _ended(problem, z) if near else None
-    least, left = problem.violation(z), APPROXIMATIONS
-    bound, method = problem.bounds(z), Anderson(np.dot, damping=1.0)
+    least, left, bound = problem.violation(z), APPROXIMATIONS, problem.bounds(z)
     while solution is None and left > 0:
         z = approximation(softer, z, bound, nearly=True)
         if z is None:
@@ -53,10 +60,8 @@ def only_solution(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | No
         solution, violation = _ended(problem, z), problem.violation(z)
         left = APPROXIMATIONS if violation < CLOSER * least else left - 1
         least = min(least, violation)
-        bound = np.maximum(method.next(bound, problem.bounds(z)), 0.0)
-    if solution is None and problem.k:
-        solution = _on_springs(problem, given)
-    return approached(problem, start) if solution is None else solution
+        bound = np.maximum(bounds.next(bound, problem.bounds(z)), 0.0)
+    return solution
 
 
 def _on_springs(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
@@ -91,28 +96,22 @@ def _first(problem: CoulombProblem, start: np.ndarray) -> np.ndarray:
     return z if smooth is None else smooth
 
 
-def _in_states_of(problem: CoulombProblem, z: np.ndarray) -> np.ndarray:
-    """A solution z to all digits, in the states that its forces say.
-
-    On the border between sticking and sliding its movements might say others, which Newton's method
-    would go through in turn.
-    """
-    exact = problem.solution_in(_of_forces(problem, z), problem.signs(z))
-    return exact if problem.solves(exact) else z
-
-
 def _ended(problem: CoulombProblem, z: np.ndarray) -> np.ndarray | None:
     """The solution that Newton's method goes to from z, to all digits."""
     z = newton(problem, z, narrowing=True, nearly=True)
-    exact = None if z is None else problem.solution_in(problem.states(z), problem.signs(z))
-    return on_border(problem, exact) if problem.solves(exact) else z
+    return None if z is None else on_border(problem, _exactly(problem, z))
 
 
-def _of_forces(problem: CoulombProblem, z: np.ndarray) -> np.ndarray:
-    """(n,) states that the forces in z alone say."""
-    along, bound = z[problem.n : problem.rows], problem.bounds(z)
-    slides = np.abs(along) >= (1 - ROUNDING) * bound
-    return problem.states_of(z, np.where(slides, np.sign(along), 0.0))
+def _exactly(problem: CoulombProblem, z: np.ndarray) -> np.ndarray:
+    """A solution z to all digits, in the states that its forces say, or else its movements.
+
+    These are rounding on the border between sticking and sliding, and others in every step.
+    """
+    for states in (problem.states_by_forces(z), problem.states(z)):
+        exact = problem.solution_in(states, problem.signs(z))
+        if problem.solves(exact):
+            return exact
+    return z
 
 
 def _nearer(problem: CoulombProblem, start: np.ndarray) -> np.ndarray:
@@ -120,5 +119,5 @@ def _nearer(problem: CoulombProblem, start: np.ndarray) -> np.ndarray:
 
     Loads of the step before leave a start in whose movements all nodes slide or turn.
     """
-    z = nearly_in(problem, _of_forces(problem, start), problem.signs(start))
+    z = nearly_in(problem, problem.states_by_forces(start), problem.signs(start))
     return start if z is None or problem.violation(z) >= problem.violation(start) else z

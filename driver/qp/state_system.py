@@ -1,13 +1,14 @@
 """The linear system that the law of a CoulombProblem is where nodes are in given states."""
 
 import numpy as np
-from scipy.linalg import lapack
+from scipy.linalg import blas, lapack
 
 from .equations import Equations
 
 SINGULAR = 1e-10  # ratio of the least to the largest pivot of a system that may be singular
 NONE = 1e-14  # such a ratio of pivots that are rounding
 SUSPECT = 1e-5  # ratio of pivots from which the condition is estimated
+AT_A_TIME = 256  # rows of the compliance that are copied at once
 CONSISTENT = 1e-6  # relative residual below which a singular system may have solutions
 
 
@@ -24,37 +25,27 @@ class StateSystem:
     """
 
     def __init__(self, problem, states: np.ndarray, sign: np.ndarray):
-        n, C = problem.n, problem.compliance
+        n = problem.n
+        self.compliance = problem.compliance
         self.equations = equations = Equations(problem, states, sign)
         self.rows, self.motions = problem.rows, problem.motions
-        free, sliding = equations.still, np.flatnonzero(equations.slides)
-        self.free = np.flatnonzero(free)
+        sliding = np.flatnonzero(equations.slides)
+        self.free = np.flatnonzero(equations.still)
         self.sliding, self.node = n + sliding, problem.pair[sliding]
         self.bound, self.slope = equations.bound[sliding], equations.slope[sliding]
         self.turn = problem.held(states) / problem.reach[:, None]
-        columns, place = C.compress(free, 1), np.cumsum(free[:n]) - 1
         self.given = None  # forces (n + m,) of offsets and the movement of the free rows by them
         if problem.offset is not None:
             self.given = np.append(np.zeros(n), equations.given)
-            self.given_movement = columns.T @ self.given
-        transposed = columns.compress(free, 0)  # C is symmetric
-        transposed[place[self.node]] += self.slope[:, None] * columns[self.sliding]
-        if problem.k:
-            force = problem.motions @ self.turn
-            work = force.copy()
-            work[self.node] += self.slope[:, None] * work[self.sliding]
-            border = np.zeros((force.shape[1],) * 2)
-            transposed = np.block([[transposed, work[self.free]], [-force[self.free].T, border]])
-        self.scale = np.sqrt(problem.rigidity[free])
-        if problem.k:
-            reach = np.abs(self.scale[:, None] * force[self.free]).max(axis=0, initial=0.0)
-            self.scale = np.append(self.scale, 1.0 / np.where(reach > 0, reach, 1.0))
-        transposed *= self.scale
-        transposed *= self.scale[:, None]
-        self.matrix = self.factor = transposed.T
-        self.pivots, failed = np.empty(0, int), 0
-        if len(transposed):
-            self.factor, self.pivots, failed = lapack.dgetrf(self.matrix)
+            self.given_movement = self._moved(self.given)
+        self.scale = np.sqrt(problem.rigidity[self.free])
+        reach = np.abs(self.scale[:, None] * self._force).max(axis=0, initial=0.0)
+        self.scale = np.append(self.scale, 1.0 / np.where(reach > 0, reach, 1.0))
+        matrix = self._matrix()
+        self._size = lapack.dlange("1", matrix) if len(matrix) else 0.0
+        self.factor, self.pivots, failed = matrix, np.empty(0, int), 0
+        if len(matrix):  # factors take its place: one of thousands of rows has hundreds of MiB
+            self.factor, self.pivots, failed = lapack.dgetrf(matrix, overwrite_a=1)
         pivots = np.abs(np.diag(self.factor))
         least = pivots.min() / pivots.max() if len(pivots) and not failed else float(not failed)
         self.dependent = least <= NONE or least <= SUSPECT and self._rounded
@@ -63,14 +54,50 @@ class StateSystem:
         self.index = int(np.prod(np.sign(np.diag(self.factor))) * (-1) ** swaps)
 
     @property
+    def _force(self) -> np.ndarray:
+        """(free, h) what the free rows move by with the motions that the states hold."""
+        return self.motions[self.free] @ self.turn
+
+    def _matrix(self) -> np.ndarray:
+        """That of the scaled linear system, as LAPACK takes it: column after column."""
+        count, size = len(self.free), len(self.free) + self.turn.shape[1]
+        columns = np.empty((size, size))  # transposed; C is symmetric
+        for start in range(0, count, AT_A_TIME):
+            some = self.free[start : start + AT_A_TIME]
+            columns[start : start + len(some), :count] = self.compliance[some][:, self.free]
+        place = np.searchsorted(self.free, self.node)
+        for start in range(0, len(place), AT_A_TIME):
+            some = slice(start, start + AT_A_TIME)
+            rubbed = self.compliance[self.sliding[some]][:, self.free]
+            columns[place[some], :count] += self.slope[some, None] * rubbed
+        force = self.motions @ self.turn
+        columns[count:, :count], columns[count:, count:] = -force[self.free].T, 0.0
+        force[self.node] += self.slope[:, None] * force[self.sliding]
+        columns[:count, count:] = force[self.free]
+        columns *= self.scale
+        columns *= self.scale[:, None]
+        return columns.T
+
+    def _moved(self, forces: np.ndarray) -> np.ndarray:
+        """(free,) what the free rows move by under forces (n + m,)."""
+        return blas.dsymv(1.0, self.compliance.T, forces)[self.free]
+
+    def _left(self, unknowns: np.ndarray) -> np.ndarray:
+        """Left side of the scaled linear system, from the compliance itself."""
+        unknowns, count, forces = self.scale * unknowns, len(self.free), np.zeros(self.rows)
+        forces[self.free] = unknowns[:count]
+        forces[self.sliding] = self.slope * forces[self.node]
+        moved = self._moved(forces) - self._force @ unknowns[count:]
+        return self.scale * np.append(moved, self.turn.T @ (self.motions.T @ forces))
+
+    @property
     def _rounded(self) -> bool:
         """Whether one over the condition is rounding.
 
         Pivots do not show it where soft and stiff bodies meet in one place: the last of a stiff
         row, zero but for rounding, has that of soft ones beside it, which is larger.
         """
-        size = np.abs(self.matrix).sum(axis=0).max()
-        return lapack.dgecon(self.factor, size)[0] <= np.finfo(float).eps
+        return lapack.dgecon(self.factor, self._size)[0] <= np.finfo(float).eps
 
     def solve(self, load: np.ndarray, balance: np.ndarray) -> np.ndarray | None:
         """z under `load` (n + m,), `balance` (k,), sliding on bounds; None if there is none.
@@ -103,7 +130,7 @@ class StateSystem:
         unknowns, _ = lapack.dgetrs(self.factor, self.pivots, right)
         # rows differ in size as stiffness does: else each has the rounding of the largest ones
         # (R. Skeel, Math. Comp. 35 (1980) 817-832)
-        more, _ = lapack.dgetrs(self.factor, self.pivots, right - self.matrix @ unknowns)
+        more, _ = lapack.dgetrs(self.factor, self.pivots, right - self._left(unknowns))
         return unknowns + more
 
     def _whole(self, unknowns: np.ndarray) -> np.ndarray:
@@ -135,7 +162,7 @@ class StateSystem:
         """
         if not self.doubtful:
             return None
-        matrix, right = self.matrix, self._right(load, balance)
+        matrix, right = self._matrix(), self._right(load, balance)
         left, sizes, basis = np.linalg.svd(matrix)
         kept = sizes > SINGULAR * sizes[0]
         nearest = basis[kept].T @ ((left.T @ right)[kept] / sizes[kept])

@@ -254,6 +254,7 @@ def test_missing_forces_leave_nodes_apart(monkeypatch):
                                    apply=np.zeros_like)
     vars(one)["elimination"] = SimpleNamespace(change=np.zeros_like)
     problem = SimpleNamespace(whole=lambda x: x, signs=lambda z: None,
+                              violation=lambda z, movement: 1.0,
                               states=lambda z, movement: moved.extend(movement.tolist()),
                               system=lambda *_: SimpleNamespace(doubtful=True))
     monkeypatch.setattr(Condensation, "compliance", lambda self: np.eye(2))

@@ -22,7 +22,8 @@ def test_a_law_of_slip_leaves_the_preload_to_newtons_method(solved, named_scene)
     """
     def iterated(name, law):
         run = solved(str(named_scene(name, PRESSED.format(law=law))), steps=1, subdomains=5)
-        rows = (run.directory / "convergence.csv").read_text().splitlines()[1:]
+        log = run.directory / "convergence.csv"  # none without iterations
+        rows = log.read_text().splitlines()[1:] if log.exists() else []
         return [row for row in rows if row.split(",")[1] == "0"]  # before the first step
 
     assert not iterated("constant", "")
