@@ -27,6 +27,7 @@ as S_rho^-1 = P S^+ P + rho Q Q' says, P = I - Q Q', for any S^+.
 import functools
 
 import numpy as np
+from scipy.linalg import blas
 
 from ..errors import NotConverged, agree
 from .dense_front import Factors, assembled, eliminated
@@ -89,7 +90,7 @@ class GluingElimination:
         return self._compliance
 
     def _on_springs(self, C: np.ndarray) -> np.ndarray:
-        """C_rho for the `C` of pinned bodies."""
+        """C_rho for the `C` of pinned bodies, in its place."""
         op, products = self._operator, self._operator.products
         rows = contact_row_numbers(op.structure.contact)
         moved, work = op.coarse.pinned_motions()
@@ -101,9 +102,9 @@ class GluingElimination:
                                     for of in glued.T])
         op.products = products  # a part of the elimination
         y, R = felt[rows] - answered[rows] - R[rows] @ (felt.T @ glued), R[rows]
-        across = R @ y.T
-        C = C - across - across.T + R @ ((work + work.T) / 2 + np.diag(op.rho)) @ R.T
-        return (C + C.T) / 2
+        # R half' + half R' are all three terms, added to the lower triangle without copies of C
+        half = R @ ((work + work.T) / 2 + np.diag(op.rho)) / 2 - y
+        return mirrored(blas.dsyr2k(1.0, R, half, beta=1.0, c=C.T, overwrite_c=1).T)
 
     def products(self, operations: float, dense: bool = True) -> float:
         """The number of products with F that take as long as `operations` (multiplications).

@@ -3,6 +3,8 @@
 import numpy as np
 from mpi4py import MPI
 
+from ..errors import DriverError
+
 
 class Gathering:
     """Gathers arrays of the same lengths repeatedly, in rank order. Collective over `comm`."""
@@ -54,6 +56,25 @@ def by_node(arrays: dict[str, np.ndarray], nodes: np.ndarray, count: int,
 def gather(comm, local: np.ndarray) -> np.ndarray:
     """The ranks' arrays (n, ...) in rank order, which is subdomain order; collective."""
     return np.concatenate(comm.allgather(local)) if comm.size > 1 else local
+
+
+def by_first(comm, make, *given):
+    """`make(*given)` on all ranks, by the first one alone; its DriverError, too. Collective.
+
+    For dense work, which every rank would only repeat, with matrices of its own.
+    """
+    if comm.size == 1:
+        return make(*given)
+    found = error = None
+    if comm.rank == 0:
+        try:
+            found = make(*given)
+        except DriverError as problem:
+            error = problem
+    found, error = comm.bcast((found, error))
+    if error is not None:
+        raise error
+    return found
 
 
 def exact_sum(comm, terms: np.ndarray) -> np.ndarray:

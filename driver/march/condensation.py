@@ -13,7 +13,7 @@ from ..feti.cholesky import SINGULAR
 from ..feti.compliance import contact_compliance
 from ..feti.dual_problem import DualProblem
 from ..feti.fronts import GluingElimination
-from ..feti.gathering import gather
+from ..feti.gathering import by_first, gather
 from ..feti.rows import contact_row_numbers
 from ..contact.equilibrium import felt
 from ..contact.rows import ContactRows
@@ -207,7 +207,12 @@ class Condensation:
         forces, movement = self.gather(x), -self.gather(gradient + op.apply(glued))
         problem = self._under(load, compliance @ forces + movement)
         movement = self._opened(movement)
-        z = problem.whole(forces)
+        change = by_first(op.comm, self._step, problem, problem.whole(forces), movement)
+        return None if change is None else self.place(change[: self.size], np.zeros(op.owned))
+
+    @staticmethod
+    def _step(problem: CoulombProblem, z: np.ndarray, movement: np.ndarray) -> np.ndarray | None:
+        """Change of z by one of Newton's method, from z and its `movement`."""
         # of a solution movements say the same but on the border of states, where they are rounding
         states = (problem.states_by_forces(z) if problem.violation(z, movement) <= ROUNDING
                   else problem.states(z, movement))
@@ -215,7 +220,7 @@ class Condensation:
         if problem.system(states, signs).doubtful:
             return None
         change = problem.correction_in(states, signs, z, movement)
-        return None if change is None else self.place(change[0][: self.size], np.zeros(op.owned))
+        return None if change is None else change[0]
 
     @functools.cached_property
     def _responses(self) -> np.ndarray:

@@ -16,6 +16,7 @@ import functools
 import numpy as np
 
 from ..errors import NotConverged
+from ..feti.gathering import by_first
 from ..qp import one_solution
 from ..qp.contraction import contraction
 from ..qp.box import projected_gradient
@@ -224,12 +225,13 @@ class Shortcut:
         Raises NotConverged.
         """
         rows, qp, condensation = self.rows, self.qp, self.condensation
-        best, nearest = None, qp.asked
+        best, nearest, comm = None, qp.asked, qp.operator.comm
         problem = condensation.problem_by_loads(load)
         condensation.eliminated = True
         for made in range(1, MORE + 1):
             problem.at_work = lambda: qp.history.at_work(index, qp.operator.products)
-            z = one_solution.only_solution(problem, problem.whole(condensation.gather(x)))
+            start = problem.whole(condensation.gather(x))
+            z = by_first(comm, one_solution.only_solution, problem, start)
             if z is None:
                 break
             contact, motion = np.split(z, [condensation.size])
@@ -243,7 +245,7 @@ class Shortcut:
                 best, nearest = (x, gradient, rows.sliding(x, bound), self.bodies.place(load)), left
             if balanced and left <= qp.tol:
                 if trace.rated and np.isnan(trace.contraction):
-                    trace.rate = contraction(problem, z, WINDOW)
+                    trace.rate = by_first(comm, contraction, problem, z, WINDOW)
                 break
             if made >= PASSES and not qp.tol < left <= ABOUT * qp.tol:
                 break

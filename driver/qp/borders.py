@@ -14,8 +14,7 @@ from .coulomb import ROUNDING, CoulombProblem
 # parts of a friction bound within which forces are taken as on it: the least that helps counts
 WIDTHS = (1e-6, 1e-5, 1e-4)
 HELPS = 0.01  # part of the violation of the law to which that must lessen it
-# violation of the law that is left alone, of so many nodes or fewer; sums over more round off more
-CLEAN, NODES = 1e-3 * ROUNDING, 100
+CLEAN = 1e-3 * ROUNDING  # violation of the law that is left alone
 NEARLY = 1e3 * ROUNDING  # violation up to which states may be wrong at the border alone
 
 
@@ -25,7 +24,7 @@ def on_border(problem: CoulombProblem, z: np.ndarray | None,
     nodes with friction near the bound are exactly on it there.
     """
     violation = ROUNDING if z is None else problem.violation(z)
-    if violation <= CLEAN * max(1.0, problem.n / NODES):
+    if violation <= CLEAN:
         return z
     for start in (*others, *(() if z is None else (z,))):
         if problem.violation(start) > NEARLY:

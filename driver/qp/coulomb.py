@@ -190,6 +190,7 @@ class CoulombProblem:
         parts = (states, sign, self.coefficient, self.offset)
         key = b"".join(part.tobytes() for part in parts if part is not None)
         if self.latest.get(self.rubs, (None,))[0] != key:
+            self.latest.pop(self.rubs, None)  # its factors make room first
             self.latest[self.rubs] = key, StateSystem(self, states, sign), []
             if self.at_work is not None:
                 self.at_work()

@@ -28,13 +28,18 @@ def nearly_in(problem: CoulombProblem, states: np.ndarray,
 
     To the digits of the latest factors where few rows differ and all bodies are held.
     """
-    _, system, kept = problem.latest.get(problem.rubs, (None, None, None))
-    z = None
-    if system is not None and len(system.free) and _holds(problem, system, states):
-        if not kept:  # not by the system itself, which would stay until cycles are looked for
-            kept.append(Nearby(system, problem.rows))
-        z = kept[0].solution(problem, states, sign)
+    z = _by_latest(problem, states, sign)
     return problem.solution_in(states, sign) if z is None else z
+
+
+def _by_latest(problem: CoulombProblem, states: np.ndarray, sign: np.ndarray) -> np.ndarray | None:
+    """As `nearly_in` by the latest factors; None where they are no help."""
+    _, system, kept = problem.latest.get(problem.rubs, (None, None, None))
+    if system is None or not len(system.free) or not _holds(problem, system, states):
+        return None
+    if not kept:  # not by the system itself, which would stay until cycles are looked for
+        kept.append(Nearby(system, problem.rows))
+    return kept[0].solution(problem, states, sign)
 
 
 def _holds(problem: CoulombProblem, system: StateSystem, states: np.ndarray) -> bool:

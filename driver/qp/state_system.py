@@ -8,7 +8,7 @@ from .equations import Equations
 SINGULAR = 1e-10  # ratio of the least to the largest pivot of a system that may be singular
 NONE = 1e-14  # such a ratio of pivots that are rounding
 SUSPECT = 1e-5  # ratio of pivots from which the condition is estimated
-AT_A_TIME = 256  # rows of the compliance that are copied at once
+AT_A_TIME = 32  # rows of the compliance that are copied at once
 CONSISTENT = 1e-6  # relative residual below which a singular system may have solutions
 
 
@@ -64,12 +64,12 @@ class StateSystem:
         columns = np.empty((size, size))  # transposed; C is symmetric
         for start in range(0, count, AT_A_TIME):
             some = self.free[start : start + AT_A_TIME]
-            columns[start : start + len(some), :count] = self.compliance[some][:, self.free]
+            columns[start : start + len(some), :count] = self._between(some)
         place = np.searchsorted(self.free, self.node)
         for start in range(0, len(place), AT_A_TIME):
             some = slice(start, start + AT_A_TIME)
-            rubbed = self.compliance[self.sliding[some]][:, self.free]
-            columns[place[some], :count] += self.slope[some, None] * rubbed
+            rubbed = self.slope[some, None] * self._between(self.sliding[some])
+            columns[place[some], :count] += rubbed
         force = self.motions @ self.turn
         columns[count:, :count], columns[count:, count:] = -force[self.free].T, 0.0
         force[self.node] += self.slope[:, None] * force[self.sliding]
@@ -77,6 +77,10 @@ class StateSystem:
         columns *= self.scale
         columns *= self.scale[:, None]
         return columns.T
+
+    def _between(self, rows: np.ndarray) -> np.ndarray:
+        """(rows, free) compliance; indices that are not checked take a quarter of the time."""
+        return np.take(self.compliance[rows], self.free, axis=1, mode="clip")
 
     def _moved(self, forces: np.ndarray) -> np.ndarray:
         """(free,) what the free rows move by under forces (n + m,)."""

@@ -245,6 +245,17 @@ def test_what_qps_start_from(exact, uneven, corrected):
     assert start.tolist() == [1.0 * corrected] * 2
 
 
+@pytest.mark.parametrize("violation, by_forces", [(1e-10, True), (1e-8, False)])
+def test_a_solution_is_corrected_in_the_states_of_its_forces(violation, by_forces):
+    """Movements say the same but on the border of states, where they are rounding."""
+    problem = SimpleNamespace(
+        violation=lambda z, movement: violation, states=lambda z, movement: "movement",
+        states_by_forces=lambda z: "forces", signs=lambda z: "signs",
+        system=lambda states, signs: SimpleNamespace(doubtful=False),
+        correction_in=lambda states, *_: (states, None))
+    assert Condensation._step(problem, None, None) == ("forces" if by_forces else "movement")
+
+
 def test_missing_forces_leave_nodes_apart(monkeypatch):
     """Of a corner that is open on both sides and rubs: no rounding of its movement closes it."""
     one, moved = object.__new__(Condensation), []

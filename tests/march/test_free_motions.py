@@ -73,7 +73,8 @@ def free(modes, motions, **operator) -> FreeBodies:
     vectors = SimpleNamespace(dots=lambda a, b: (a * b).sum(axis=0))
     return FreeBodies(SimpleNamespace(minimum=float, **{
         "motions": [np.array(motion, float) for motion in motions], "structure": structure,
-        "owned": 4, "dot": np.dot, "vectors": vectors, "modes": len(modes), "comm": MPI.COMM_SELF, **operator}),
+        "owned": 4, "dot": np.dot, "vectors": vectors, "modes": len(modes), "comm": MPI.COMM_SELF,
+        **operator}),
         rows, SimpleNamespace(contact=True, frictional=True, coefficient_changes=False), Scales(),
         SimpleNamespace(warnings=[]))
 
