@@ -238,12 +238,13 @@ def _lemke_on_springs(problem: CoulombProblem) -> np.ndarray | None:
     """
     soft, follows = np.median(1.0 / problem.rigidity), np.zeros(problem.k)
     for softness in soft * 10.0 ** np.arange(SPRINGS):
-        for rest in (follows, np.zeros(problem.k)):
+        rests = [follows, np.zeros(problem.k)] if follows.any() else [follows]
+        for rest in rests:
             x = lemke(problem.on_springs(softness, rest))
             if x is None:
                 continue
             moved = problem.sprung(softness, rest, x)
-            follows, z = moved if rest is follows else follows, np.append(x, moved)
+            follows, z = moved if rest is rests[0] else follows, np.append(x, moved)
             exact = problem.solution_in(problem.states(z), problem.signs(z))
             for solution in (exact, newton(problem, z)):
                 if problem.solves(solution):

@@ -1,6 +1,7 @@
 """Complementary pivots: a solution of a linear complementarity problem by Lemke's method."""
 
 import numpy as np
+from scipy.linalg import blas
 
 TIE = 1e-13  # relative difference of ratios that is rounding
 GONE = 1e-10  # part of the load by which the artificial variable of Lemke's method is rounding
@@ -63,6 +64,8 @@ def _lexicographic(table: np.ndarray, basic: np.ndarray, nonbasic: np.ndarray, t
     """Of the rows `ties` that whose row of B^-1, the columns of w in the tableau, over `entry` is
     lexicographically least.
     """
+    if len(ties) == 1:
+        return int(ties[0])
     place = {int(variable): column for column, variable in enumerate(nonbasic)}
     for w in range(len(basic)):
         if len(ties) == 1:
@@ -81,5 +84,5 @@ def _pivot(table: np.ndarray, row: int, column: int) -> None:
     entry[row] = 0.0
     table[:, column] = 0.0
     table[row] = 0.0
-    table -= np.outer(entry, line)
+    blas.dger(-1.0, line, entry, a=table.T, overwrite_a=1)
     table[row] = line

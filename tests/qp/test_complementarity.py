@@ -308,19 +308,22 @@ def test_springs_do_not_know_the_unit_of_a_motion(scale):
 
 @pytest.mark.parametrize("unit", [1e-6, 1e4])
 def test_springs_for_lemke_are_as_soft_as_the_bodies(unit, monkeypatch):
-    """And softer by tens, in any unit of length over force; two rests of each."""
+    """And softer by tens, in any unit of length over force; two rests of each once they differ."""
     problem, asked = random_problem(2, 3, motions=1), []
     soft = CoulombProblem(unit * problem.compliance, unit * problem.load, problem.coefficient,
                           problem.pair, False, problem.motions, problem.balance, problem.offset)
     monkeypatch.setattr(CoulombProblem, "on_springs",
                         lambda self, softness, rest: asked.append(softness))
-    monkeypatch.setattr(complementarity, "lemke", lambda problem: None)
     monkeypatch.setattr(complementarity, "all_solutions", lambda problem: [])
-    for one in (problem, soft):
-        assert complementarity._lemke_on_springs(one) is None
-    median = np.median(np.diag(problem.compliance))
-    expected = np.repeat(median * 10.0 ** np.arange(complementarity.SPRINGS), 2)
-    np.testing.assert_allclose(asked, np.append(expected, unit * expected), rtol=1e-12)
+    monkeypatch.setattr(CoulombProblem, "solves", lambda self, z: False)
+    expected = np.median(np.diag(problem.compliance)) * 10.0 ** np.arange(complementarity.SPRINGS)
+    for found, softnesses in ((None, expected), (np.zeros(6), np.repeat(expected, 2)[1:])):
+        monkeypatch.setattr(complementarity, "lemke", lambda problem, found=found: found)
+        for one, length in ((problem, 1.0), (soft, unit)):
+            del asked[:]
+            assert complementarity._lemke_on_springs(one) is None
+            np.testing.assert_allclose(asked, length * softnesses, rtol=1e-12)
+    monkeypatch.setattr(complementarity, "lemke", lambda problem: None)
     # the last resort of a few nodes
     monkeypatch.setattr(complementarity, "all_solutions", lambda problem: ["one", "another"])
     for nodes, found in ((3, "one"), (complementarity.FEW, "one"), (complementarity.FEW + 1, None)):
@@ -584,6 +587,7 @@ def test_bodies_on_springs_are_where_these_give_way_to(seed, monkeypatch):
 
     monkeypatch.setattr(complementarity, "newton", newton_)
     monkeypatch.setattr(complementarity, "all_solutions", lambda problem: [])
+    monkeypatch.setattr(CoulombProblem, "solves", lambda self, z: False)
     exact = CoulombProblem.solution_in
     monkeypatch.setattr(CoulombProblem, "solution_in", lambda self, *given: (
         None if self is problem else exact(self, *given)))
