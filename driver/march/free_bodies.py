@@ -285,7 +285,7 @@ def _least(held: np.ndarray, limited: np.ndarray, room: np.ndarray,
            aim: np.ndarray) -> np.ndarray:
     """z (modes,) nearest to `aim` with `held` z = 0 and `limited` z <= `room`, none negative."""
     reach = np.abs(np.vstack([held, limited])).max(initial=0.0)
-    _, sizes, basis = np.linalg.svd(np.linalg.qr(np.vstack([held, np.zeros((1, len(aim)))]), "r"))
+    _, sizes, basis = np.linalg.svd(np.linalg.qr(held, "r"))
     free = basis[np.count_nonzero(sizes > WEAK * reach * np.sqrt(len(held) + 1)) :]
     aim, limited = free @ aim, limited @ free.T
     # what `held` keeps in place also leaves rounding of rows, of either sign, that would be limits

@@ -1,5 +1,7 @@
 """The way to the only solution of the dense contact problem that takes least."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -126,6 +128,15 @@ def test_a_body_that_contact_holds_starts_without_friction(along):
     z = one_solution._first(problem, problem.whole(np.zeros(160)))
     assert z[80:160].any() == along and z[80:160].sum() == pytest.approx(3.0 * along)
     assert z[:80].min() > 0 and z[:80].sum() == pytest.approx(20.0)
+
+
+@pytest.mark.parametrize("by_forces", [True, False])
+def test_a_solution_has_the_states_of_its_forces(by_forces):
+    """If these are a solution's; those of its movements are rounding on the border of states."""
+    problem = SimpleNamespace(states_by_forces=lambda z: "forces", states=lambda z: "movements",
+                              solution_in=lambda states, signs: states, signs=lambda z: None,
+                              solves=lambda z: z == "movements" or by_forces)
+    assert one_solution._exactly(problem, "z") == ("forces" if by_forces else "movements")
 
 
 def test_a_solution_on_the_border_of_states_is_left_as_it_is(monkeypatch):
