@@ -44,8 +44,9 @@ FACTORIZATIONS = 6  # that Newton's method may take
 # alone: most go with a preconditioner of a face of its own. Of 690 rows 3.9, of 2,401 rows 2.8
 RELAXED = 3.0
 # such products that go with one with F at least: 20 and 45 in these scenes, where nearly all dual
-# rows are those of contact; there Newton's factorizations may take as much more
-BESIDE = 10
+# rows are those of contact; there Newton's factorizations may take as much more, up to so many
+# rows, whose four matrices take 2 GiB
+BESIDE, DENSE = 10, 2**13
 PASSES = 3  # of Newton's method: products show what rounding has left
 # of them where that is about the tolerance, below which it comes now and then, and times that up to
 # which it may be: a pass takes some products, to go on without them hundreds
@@ -111,7 +112,7 @@ class Shortcut:
         if elimination is None:
             return False
         newton = elimination.products(FACTORIZATIONS * condensation.near**3 / 3)
-        each = 1 + self._relaxing(BESIDE)
+        each = 1 + self._relaxing(BESIDE) if condensation.total <= DENSE else 1.0
         return elimination.price <= AT_ONCE and newton <= 2 * AT_ONCE * each
 
     def pays(self, trace: Trace, x: np.ndarray, target: float, spent: int, taken: int) -> bool:

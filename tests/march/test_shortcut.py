@@ -149,6 +149,8 @@ def test_it_comes_first_where_rows_are_cheap_to_eliminate(decided, monkeypatch):
     # relaxation of many contact rows takes as long as Newton's method may
     assert first(newton=6 * shortcut.AT_ONCE, relaxing=2.0)
     assert not first(newton=6 * shortcut.AT_ONCE, relaxing=1.9)
+    monkeypatch.setattr(shortcut, "DENSE", way.condensation.total - 1)
+    assert not first(newton=6 * shortcut.AT_ONCE, relaxing=2.0) and first()
     assert not first(alike=True)  # products of alike subdomains cost little
     monkeypatch.setattr(way.condensation, "junctions", True)
     assert first(alike=True)  # but not where bodies meet in junctions: equal bricks
