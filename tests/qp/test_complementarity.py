@@ -18,7 +18,6 @@ from driver.qp.complementarity import (
     all_solutions, approached, index, lemke, newton, search, settled)
 from driver.contact.states import OPEN, STICK
 from driver.qp.coulomb import BACKWARD, FORWARD, CoulombProblem
-from driver.qp.nearby import Nearby
 from driver.qp.state_system import StateSystem
 
 SEEDS = 20
