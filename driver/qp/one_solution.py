@@ -33,8 +33,8 @@ def only_solution(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | No
     """
     if problem.depends:
         return by_yielding(problem, start, only_solution)
-    given = start
-    if problem.k and not start[: problem.n].any():
+    given, loose = start, problem.k and not start[: problem.n].any()
+    if loose:
         start = _first(problem, start)
     if not problem.coefficient.any():
         return approached(problem, start)
@@ -42,7 +42,7 @@ def only_solution(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | No
     if problem.solves(start):
         return _exactly(problem, start)
     solution = _approximated(problem, start)
-    if solution is None and problem.k:
+    if solution is None and loose:  # later it would hide that there may be several solutions
         solution = _on_springs(problem, given)
     return approached(problem, start) if solution is None else solution
 
@@ -65,7 +65,7 @@ def _approximated(problem: CoulombProblem, z: np.ndarray) -> np.ndarray | None:
 
 
 def _on_springs(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
-    """As `only_solution`, of bodies without support, from those on springs whose rest follows them.
+    """As `only_solution`, of bodies that nothing holds yet, from springs whose rest follows them.
 
     Friction bounds on the way to those of the solution need not suffice to hold them.
     """
