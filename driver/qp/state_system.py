@@ -41,11 +41,10 @@ class StateSystem:
         self.scale = np.sqrt(problem.rigidity[self.free])
         reach = np.abs(self.scale[:, None] * self._force).max(axis=0, initial=0.0)
         self.scale = np.append(self.scale, 1.0 / np.where(reach > 0, reach, 1.0))
-        matrix = self._matrix()
-        self._size = lapack.dlange("1", matrix) if len(matrix) else 0.0
-        self.factor, self.pivots, failed = matrix, np.empty(0, int), 0
-        if len(matrix):  # factors take its place: one of thousands of rows has hundreds of MiB
-            self.factor, self.pivots, failed = lapack.dgetrf(matrix, overwrite_a=1)
+        self.matrix = self.factor = self._matrix()
+        self.pivots, failed = np.empty(0, int), 0
+        if len(self.matrix):
+            self.factor, self.pivots, failed = lapack.dgetrf(self.matrix)
         pivots = np.abs(np.diag(self.factor))
         least = pivots.min() / pivots.max() if len(pivots) and not failed else float(not failed)
         self.dependent = least <= NONE or least <= SUSPECT and self._rounded
@@ -83,20 +82,8 @@ class StateSystem:
         return np.take(self.compliance[rows], self.free, axis=1, mode="clip")
 
     def _moved(self, forces: np.ndarray) -> np.ndarray:
-        """(free,) what the free rows move by under forces (n + m,).
-
-        Of the whole matrix: BLAS rounds off more where it reads half of it, which tells where soft
-        and stiff bodies meet.
-        """
+        """(free,) what the free rows move by under forces (n + m,)."""
         return (self.compliance @ forces)[self.free]
-
-    def _left(self, unknowns: np.ndarray) -> np.ndarray:
-        """Left side of the scaled linear system, from the compliance itself."""
-        unknowns, count, forces = self.scale * unknowns, len(self.free), np.zeros(self.rows)
-        forces[self.free] = unknowns[:count]
-        forces[self.sliding] = self.slope * forces[self.node]
-        moved = self._moved(forces) - self._force @ unknowns[count:]
-        return self.scale * np.append(moved, self.turn.T @ (self.motions.T @ forces))
 
     @property
     def _rounded(self) -> bool:
@@ -105,7 +92,7 @@ class StateSystem:
         Pivots do not show it where soft and stiff bodies meet in one place: the last of a stiff
         row, zero but for rounding, has that of soft ones beside it, which is larger.
         """
-        return lapack.dgecon(self.factor, self._size)[0] <= np.finfo(float).eps
+        return lapack.dgecon(self.factor, lapack.dlange("1", self.matrix))[0] <= np.finfo(float).eps
 
     def solve(self, load: np.ndarray, balance: np.ndarray) -> np.ndarray | None:
         """z under `load` (n + m,), `balance` (k,), sliding on bounds; None if there is none.
@@ -138,7 +125,7 @@ class StateSystem:
         unknowns, _ = lapack.dgetrs(self.factor, self.pivots, right)
         # rows differ in size as stiffness does: else each has the rounding of the largest ones
         # (R. Skeel, Math. Comp. 35 (1980) 817-832)
-        more, _ = lapack.dgetrs(self.factor, self.pivots, right - self._left(unknowns))
+        more, _ = lapack.dgetrs(self.factor, self.pivots, right - self.matrix @ unknowns)
         return unknowns + more
 
     def _whole(self, unknowns: np.ndarray) -> np.ndarray:
@@ -170,7 +157,7 @@ class StateSystem:
         """
         if not self.doubtful:
             return None
-        matrix, right = self._matrix(), self._right(load, balance)
+        matrix, right = self.matrix, self._right(load, balance)
         left, sizes, basis = np.linalg.svd(matrix)
         kept = sizes > SINGULAR * sizes[0]
         nearest = basis[kept].T @ ((left.T @ right)[kept] / sizes[kept])

@@ -357,8 +357,7 @@ def test_systems_do_not_know_the_unit_of_a_motion(unit):
                            one.motions * unit, one.balance * 100.0 * unit, one.offset * 100.0)
     for states in ([1, 1, 1], [2, 1, 3], [0, 2, 1], [-1, 1, 2]):
         systems = [of.system(np.array(states), np.ones(3)) for of in (one, other)]
-        np.testing.assert_allclose(systems[1]._matrix(), systems[0]._matrix(), rtol=1e-9,
-                                   atol=1e-12)
+        np.testing.assert_allclose(systems[1].matrix, systems[0].matrix, rtol=1e-9, atol=1e-12)
         assert systems[0].index == systems[1].index
         z, w = (of.solve(problem.load, problem.balance)
                 for of, problem in zip(systems, (one, other)))
@@ -399,12 +398,10 @@ def test_a_system_is_singular_before_it_is_rounding(small, directions):
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("at_a_time", [1, 2, 99])
 def test_the_system_of_states_is_that_of_their_equations(seed, at_a_time, monkeypatch):
-    """Its matrix, which factors take the place of, and its left side, which needs none: free rows
-    move by the forces of sliding nodes, too, and all forces balance on motions.
-    """
+    """Free rows move by the forces of sliding nodes, too, and all forces balance on motions."""
     monkeypatch.setattr(state_system, "AT_A_TIME", at_a_time)
     problem = random_problem(seed, 5, motions=2)
-    states, unit = np.array([STICK, FORWARD, OPEN, BACKWARD, STICK]), np.eye(8)
+    states = np.array([STICK, FORWARD, OPEN, BACKWARD, STICK])
     system = StateSystem(problem, states, np.ones(5))
     assert system.free.tolist() == [0, 1, 3, 4, 5, 9]
     force, C = np.zeros((10, 6)), problem.compliance
@@ -414,9 +411,7 @@ def test_the_system_of_states_is_that_of_their_equations(seed, at_a_time, monkey
     matrix = np.block([[(C @ force)[system.free], -motions[system.free]],
                        [motions.T @ force, np.zeros((2, 2))]])
     matrix *= np.outer(system.scale, system.scale)
-    np.testing.assert_allclose(system._matrix(), matrix, rtol=1e-12, atol=1e-13)
-    np.testing.assert_allclose(np.column_stack([system._left(one) for one in unit]), matrix,
-                               rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(system.matrix, matrix, rtol=1e-12, atol=1e-13)
 
 
 def test_forces_tell_states():
