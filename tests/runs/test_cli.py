@@ -660,7 +660,7 @@ def test_numpy_is_loaded_whole(name, load):
     """An interrupt waits for the end of its import, which NumPy might go on from with parts."""
     code = AMID.format(root=str(environment.ROOT), name=name, load=load)
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60,
-                          check=True)
+                          check=True, preexec_fn=heed_sigint)
     assert done.stdout == "whole\n"
 
 
