@@ -39,8 +39,6 @@ def only_solution(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | No
     if not problem.coefficient.any():
         return approached(problem, start)
     start = _nearer(problem, start)
-    if problem.solves(start):
-        return _exactly(problem, start)
     solution = _approximated(problem, start)
     if solution is None and loose:  # later it would hide that there may be several solutions
         solution = _on_springs(problem, given)
@@ -48,9 +46,14 @@ def only_solution(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | No
 
 
 def _approximated(problem: CoulombProblem, z: np.ndarray) -> np.ndarray | None:
-    """As `only_solution`, by Newton's method from z or from approximations by friction bounds."""
+    """As `only_solution`, by Newton's method from z or from approximations by friction bounds.
+
+    A solution z of which many movements say other states than forces is on the border of states.
+    """
     softer, bounds = problem.softer(SOFT), Anderson(np.dot, damping=1.0)
     near = np.count_nonzero(problem.states(z) != problem.states_by_forces(z)) <= NEAR * problem.n
+    if problem.solves(z) and not near:
+        return _exactly(problem, z)
     solution = _ended(problem, z) if near else None
     least, left, bound = problem.violation(z), APPROXIMATIONS, problem.bounds(z)
     while solution is None and left > 0:

@@ -37,9 +37,10 @@ class StateSystem:
         self.given = None  # forces (n + m,) of offsets and the movement of the free rows by them
         if problem.offset is not None:
             self.given = np.append(np.zeros(n), equations.given)
-            self.given_movement = self._moved(self.given)
+            self.given_movement = (self.compliance @ self.given)[self.free]
         self.scale = np.sqrt(problem.rigidity[self.free])
-        reach = np.abs(self.scale[:, None] * self._force).max(axis=0, initial=0.0)
+        force = self.motions[self.free] @ self.turn
+        reach = np.abs(self.scale[:, None] * force).max(axis=0, initial=0.0)
         self.scale = np.append(self.scale, 1.0 / np.where(reach > 0, reach, 1.0))
         self.matrix = self.factor = self._matrix()
         self.pivots, failed = np.empty(0, int), 0
@@ -51,11 +52,6 @@ class StateSystem:
         self.doubtful = self.dependent or least <= SINGULAR
         swaps = np.count_nonzero(self.pivots != np.arange(len(self.pivots)))
         self.index = int(np.prod(np.sign(np.diag(self.factor))) * (-1) ** swaps)
-
-    @property
-    def _force(self) -> np.ndarray:
-        """(free, h) what the free rows move by with the motions that the states hold."""
-        return self.motions[self.free] @ self.turn
 
     def _matrix(self) -> np.ndarray:
         """That of the scaled linear system, as LAPACK takes it: column after column."""
@@ -80,10 +76,6 @@ class StateSystem:
     def _between(self, rows: np.ndarray) -> np.ndarray:
         """(rows, free) compliance; indices that are not checked take a quarter of the time."""
         return np.take(self.compliance[rows], self.free, axis=1, mode="clip")
-
-    def _moved(self, forces: np.ndarray) -> np.ndarray:
-        """(free,) what the free rows move by under forces (n + m,)."""
-        return (self.compliance @ forces)[self.free]
 
     @property
     def _rounded(self) -> bool:
