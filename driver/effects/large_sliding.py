@@ -64,8 +64,9 @@ class Room(Effect):
             turned = np.abs(nodes.normal[here] - nodes.normal[first]).max()
             if turned > EVEN or np.ptp(offset[here]) > EVEN * size:
                 raise InputError(
-                    f"largeSliding: the obstacle of label {label} is not a plane, so its shape "
-                    "beside the label is unknown: give it by  macro obstacle(x, y) phi //")
+                    f"largeSliding: label {label} is not straight or its gap not the same all "
+                    "along, so the shape of its obstacle beside the label is unknown: give it by  "
+                    "macro obstacle(x, y) phi //")
         return offset
 
     def ledger(self, facts: RunFacts) -> dict[str, dict]:

@@ -2,8 +2,9 @@
 
 1. Anderson acceleration of the same map, with its QPs: a few more products.
 2. The contact rows alone, condensed: semismooth Newton from the last iterate, or from successive
-   approximations beside it, and where that does not settle Lemke's method, which finds a solution
-   for any friction coefficient. It may fail for bodies without support and contact that pulls: then
+   approximations beside it, and where that does not settle, for bodies without support, the same
+   on springs that follow them; then Lemke's method, which finds a solution for any friction
+   coefficient. It may fail for bodies without support and contact that pulls: then
    a path of solutions under loads that become the step's, states that violate the law less and
    less, and branch and bound over all states, which may prove that there is no solution; of more
    nodes than MOST_NODES all this among those that touch or nearly do (few_nodes.py). Where slip
@@ -17,15 +18,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..qp import complementarity
+from ..qp import approximations, complementarity
 from ..qp.branching import MOST_NODES, search_states
 from ..qp.continuation import at_the_end_of_a_path
 from ..qp.coulomb import CoulombProblem
 from ..qp.few_nodes import solution_among
+from ..qp.one_solution import on_springs
 from ..text import step_name
 
 ANDERSON = "Anderson acceleration"
 NEWTON = "Newton on the condensed contact rows"
+SPRINGS = "soft springs that follow loose bodies"
 LEMKE = "Lemke's method"
 CONTINUATION = "a path of solutions under other loads"
 SEARCH = "a search of the states of contact nodes"
@@ -72,10 +75,10 @@ def solve_condensed(problem: CoulombProblem, start: np.ndarray) -> tuple[np.ndar
 
 
 def followed(problem: CoulombProblem, start: np.ndarray) -> tuple[np.ndarray | None, str]:
-    """As `solve_condensed` by what takes no more than seconds: Newton, Lemke, a path."""
+    """As `solve_condensed` by what takes no more than seconds: Newton, springs, Lemke, a path."""
     if not problem.n:  # there is nothing to choose
         return (start, NEWTON) if problem.solves(start) else (None, "")
-    z = complementarity.approached(problem, start)
+    z = approximations.approached(problem, start)
     if z is not None:
         return z, NEWTON
     ways = []
@@ -83,6 +86,8 @@ def followed(problem: CoulombProblem, start: np.ndarray) -> tuple[np.ndarray | N
         ways.append((LEMKE, lambda: complementarity.lemke(problem)))
     if problem.n <= MOST_NODES:
         ways.append((CONTINUATION, lambda: at_the_end_of_a_path(problem, start)))
+    if problem.k:
+        ways = [(SPRINGS, lambda: on_springs(problem, start)), *ways]
     if problem.k or problem.bilateral.any():  # else Lemke's method is sure to end
         ways = [(NEWTON, lambda: _newton_from_all_alike(problem)), *ways]
     for method, look in ways:

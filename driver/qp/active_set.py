@@ -16,7 +16,7 @@ point differs by so little from the last that as a rule it has the states of tha
 import numpy as np
 
 from .box import ARC, clipped
-from .coulomb import BACKWARD, FORWARD, OPEN, STICK, CoulombProblem
+from .coulomb import BACKWARD, FORWARD, OPEN, ROUNDING, STICK, CoulombProblem
 from .nearby import nearly_in
 
 CHANGES = 3  # of states, for each row; bars that rock took half as many
@@ -30,23 +30,32 @@ FEW = 0.3  # part of the rows that have forces, below which those alone are mult
 FOLLOWED = 6  # times that the rest of these springs follows the bodies
 
 
-def solution_within(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
+def solution_within(problem: CoulombProblem, start: np.ndarray,
+                    least: float = 0.0) -> np.ndarray | None:
     """z of a `problem` whose friction bounds are given, from `start` z.
 
-    None where rounding ends it, and for bodies without support that come to no rest.
+    None where rounding ends it, and for bodies without support that come to no rest, but where the
+    bounds lack no more of holding them than `least`, a violation of the law: then those forces.
     """
-    return _on_springs(problem, start) if problem.k else _Descent(problem, start).end()
+    return _on_springs(problem, start, least) if problem.k else _Descent(problem, start).end()
 
 
-def _on_springs(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
+def _on_springs(problem: CoulombProblem, start: np.ndarray, least: float) -> np.ndarray | None:
     """As `solution_within`, of bodies without support."""
-    own = np.median(1.0 / problem.rigidity)
-    ends = (_followed(problem, start, soft * own) for soft in SOFT)
-    return next((end for end in ends if end is not None), None)
+    own, lacking, nearest = np.median(1.0 / problem.rigidity), least, None
+    for soft in SOFT:
+        z = _followed(problem, start, soft * own)
+        violation = np.inf if z is None else problem.violation(z)
+        if violation <= ROUNDING:
+            return z
+        if violation <= lacking:
+            start, lacking, nearest = z, violation, z
+    return nearest
 
 
 def _followed(problem: CoulombProblem, start: np.ndarray, softness: float) -> np.ndarray | None:
-    """As `_on_springs`, whose compliance per unit reach is `softness`."""
+    """As `_on_springs`, whose compliance per unit reach is `softness`; the last z without a rest.
+    """
     x, rest = start[: problem.rows], start[problem.rows :]
     for _ in range(FOLLOWED):
         x = _Descent(problem.on_springs(softness, rest), x).end()
@@ -58,7 +67,7 @@ def _followed(problem: CoulombProblem, start: np.ndarray, softness: float) -> np
         for end in (problem.solution_in(problem.states(z), problem.signs(z)), z):
             if problem.solves(end):
                 return end
-    return None
+    return z
 
 
 class _Descent:
@@ -94,7 +103,8 @@ class _Descent:
     def _lower(self, held: np.ndarray) -> bool:
         """Go to the least energy of rows that are not `held`; whether it falls.
 
-        Each of them is held from where it meets a bound; at once if it would leave that.
+        Each of them is held from where it meets a bound; at once, together, those that would leave
+        where they are.
         """
         held, before = held.copy(), self.energy
         while self._may_go_on:
@@ -105,16 +115,16 @@ class _Descent:
             with np.errstate(divide="ignore", invalid="ignore"):
                 room = np.where(way < 0, self.lower - self.x, self.upper - self.x) / way
             room[held | (way == 0)] = np.inf
-            first = int(room.argmin())
-            if room[first] >= 1:
+            least = max(float(room.min()), 0.0)
+            if least >= 1:
                 self._move(self._cut(y))
                 return self.energy < before
             if self._projected(way, room, held):
                 continue
-            x = self._cut(self.x + max(room[first], 0.0) * way)
-            x[first] = self.lower[first] if way[first] < 0 else self.upper[first]
-            held[first] = True
-            self._move(x)
+            met = room <= least
+            x = np.where(met, np.where(way < 0, self.lower, self.upper), self.x + least * way)
+            held |= met
+            self._move(self._cut(x))
         return False
 
     def _projected(self, way: np.ndarray, room: np.ndarray, held: np.ndarray) -> bool:

@@ -6,19 +6,14 @@ import numpy as np
 
 from ..environment import PLAIN_PROGRAM, silenced
 from . import pivots
-from .active_set import solution_within
 from .borders import on_border
 from .coulomb import BACKWARD, FORWARD, OPEN, STICK, CoulombProblem
-from .dependent_rows import by_yielding
 from .nearby import nearly_in
 
 DISTINCT = 1e-6  # solutions nearer than this part of the largest multiplier are the same
 MANY = 9  # solutions after which no more are looked for
 NEWTON_STEPS = 50
 LAST = 4  # iterates of which one is the solution, if any was found
-APPROXIMATIONS = 8  # of friction bounds, each a start for Newton's method
-# parts of the rigidity by which movements count in Newton's method, where the one before failed
-PARTS = (1.0, 0.1, 0.01)
 BRIEFLY = 8  # Newton steps from one of many starts
 NEAR = 10  # nodes whose states differ from a solution's at most for a start to be near it
 A_FEW = 4  # nodes that may change their states again and again before Newton's method settles
@@ -64,55 +59,6 @@ def newton(problem: CoulombProblem, start: np.ndarray, most: int = NEWTON_STEPS,
     last = [start, *visited[-LAST:]]
     found = next((x for x in reversed(last) if problem.solves(x)), None)
     return on_border(problem, found, visited[-1])
-
-
-def approached(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
-    """A solution by Newton's method from `start` z, or from successive approximations to one.
-
-    Where pressure and friction overtake one another Newton's method goes to and fro between the
-    same states. An approximation solves the problem with the friction bounds of the one before (J.
-    Haslinger, I. Hlavacek, J. Necas, Handbook of Numerical Analysis IV (1996) 313-485): one or two
-    are near enough. It may go to and fro in these, too, where a whole surface turns from sliding
-    one way to the other: each node is rigid, all of them together are soft, and a movement that
-    counts by the rigidity of one is too much. So it counts by less then (the constant c of S.
-    Hueeber, G. Stadler, B. Wohlmuth, SIAM J. Sci. Comput. 30 (2008) 572-596). None if no start
-    leads to a solution.
-    """
-    if problem.depends:
-        return by_yielding(problem, start, approached)
-    solutions = (approached_once(problem.softer(part), start) for part in PARTS)
-    return next((z for z in solutions if z is not None), None)
-
-
-def approached_once(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
-    """As `approached`, with one augmentation; None also if an approximation is not found."""
-    if not problem.coefficient.any():
-        return _within(problem, start)
-    z = start
-    for _ in range(APPROXIMATIONS):
-        solution = newton(problem, z)
-        if solution is not None:
-            return solution
-        z = approximation(problem, z)
-        if z is None:
-            break
-    return None
-
-
-def approximation(problem: CoulombProblem, z: np.ndarray, bound: np.ndarray | None = None,
-                  **how) -> np.ndarray | None:
-    """Solution with given friction bounds `bound` (m,), those of z, from z; Newton's method `how`.
-    """
-    bound = problem.bounds(z) if bound is None else bound
-    given = problem.under(problem.load, np.zeros(problem.m), offset=bound)
-    return _within(given, z, **how)
-
-
-def _within(problem: CoulombProblem, start: np.ndarray, **how) -> np.ndarray | None:
-    """Solution under given friction bounds, by Newton's method, `how`, or a descent of the energy.
-    """
-    solution = newton(problem, start, **how)
-    return solution_within(problem, start) if solution is None else solution
 
 
 def settled(problem: CoulombProblem, start: np.ndarray, move: np.ndarray,

@@ -1,13 +1,15 @@
 """Newton's method on the dense contact problem, where one solution is expected.
 
-Then the way to it may be chosen by what it takes alone: complementarity.py has the methods.
+Then the way to it may be chosen by what it takes alone: complementarity.py and approximations.py
+have the methods.
 """
 
 import numpy as np
 
 from .anderson import Anderson
-from .borders import on_border
-from .complementarity import approached, approximation, newton
+from .approximations import approached, approximation
+from .borders import NEARLY, on_border
+from .complementarity import newton
 from .coulomb import STICK, CoulombProblem
 from .dependent_rows import by_yielding
 from .nearby import nearly_in
@@ -20,7 +22,8 @@ CLOSER = 0.9  # times the least violation of the law by those before
 # ones the first solution is sooner found. Of 270 lugs on pins that turn by 0.3 to 1.2 times what
 # friction may carry the solution of 118 is found at 0.1, of 190 at 10, of 193 at 1e3
 SPRINGS = 1e3
-FOLLOWED = 3  # times that the rest of the springs follows the bodies
+SOFTER = 10  # times as soft are the next ones, whose rest follows the bodies: they may glide far
+FOLLOWED = 4  # times that it does
 
 
 def only_solution(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
@@ -41,7 +44,7 @@ def only_solution(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | No
     start = _nearer(problem, start)
     solution = _approximated(problem, start)
     if solution is None and loose:  # later it would hide that there may be several solutions
-        solution = _on_springs(problem, given)
+        solution = on_springs(problem, given)
     return approached(problem, start) if solution is None else solution
 
 
@@ -49,32 +52,36 @@ def _approximated(problem: CoulombProblem, z: np.ndarray) -> np.ndarray | None:
     """As `only_solution`, by Newton's method from z or from approximations by friction bounds.
 
     A solution z of which many movements say other states than forces is on the border of states.
+    Bodies that glide wherever they touch, as many ways forth as back, are held by what rounding
+    leaves: approximations come no nearer to the law than that, and the caller judges by residuals.
     """
     softer, bounds = problem.softer(SOFT), Anderson(np.dot, damping=1.0)
     near = np.count_nonzero(problem.states(z) != problem.states_by_forces(z)) <= NEAR * problem.n
     if problem.solves(z) and not near:
         return _exactly(problem, z)
     solution = _ended(problem, z) if near else None
-    least, left, bound = problem.violation(z), APPROXIMATIONS, problem.bounds(z)
+    least, nearest, left = problem.violation(z), z, APPROXIMATIONS
+    bound = before = problem.bounds(z)
     while solution is None and left > 0:
-        z = approximation(softer, z, bound, nearly=True)
+        z = approximation(softer, z, bound, before, nearly=True)
         if z is None:
             break
         solution, violation = _ended(problem, z), problem.violation(z)
         left = APPROXIMATIONS if violation < CLOSER * least else left - 1
-        least = min(least, violation)
-        bound = np.maximum(bounds.next(bound, problem.bounds(z)), 0.0)
-    return solution
+        if violation <= least:
+            least, nearest = violation, z
+        before, bound = bound, np.maximum(bounds.next(bound, problem.bounds(z)), 0.0)
+    return nearest if solution is None and problem.k and least <= NEARLY else solution
 
 
-def _on_springs(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
+def on_springs(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
     """As `only_solution`, of bodies that nothing holds yet, from springs whose rest follows them.
 
     Friction bounds on the way to those of the solution need not suffice to hold them.
     """
     softness = SPRINGS * np.median(1.0 / problem.rigidity)
     x, rest = start[: problem.rows], start[problem.rows :]
-    for _ in range(FOLLOWED):
+    for softness in softness * SOFTER ** np.arange(FOLLOWED):
         x = only_solution(problem.on_springs(softness, rest), x)
         if x is None:
             return None

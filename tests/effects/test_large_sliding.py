@@ -449,7 +449,7 @@ def test_places_on_a_curve_are_at_no_distance_from_it():
                  "free to lift off", marks=pytest.mark.slow),
     pytest.param([("macro friction() F", "macro initialX() 1 //\nmacro friction() F")],
                  "start from no displacement", marks=pytest.mark.slow),
-    pytest.param([("OBSTACLE", "macro gap() 0.01*x //")], "is not a plane, so its shape",
+    pytest.param([("OBSTACLE", "macro gap() 0.01*x //")], "is not straight or its gap not the same",
                  marks=pytest.mark.slow),
     pytest.param([("OBSTACLE", "macro obstacle(x, y) ((y) - 0.2*(x) + 1e-3*label) //")],
                  "depends on more than x and y", marks=pytest.mark.slow),

@@ -626,11 +626,13 @@ def test_when_other_solutions_are_looked_for(choice, nodes, friction, doubtful, 
 
 @pytest.mark.parametrize("solver, motions, friction, method", [
     ("newton", 0, 0.5, globalization.NEWTON), ("lemke", 0, 0.5, globalization.LEMKE),
-    ("all alike", 1, 0.5, globalization.NEWTON), ("lemke", 1, 0.5, globalization.LEMKE),
+    ("all alike", 1, 0.5, globalization.NEWTON), ("springs", 1, 0.5, globalization.SPRINGS),
+    ("lemke", 1, 0.5, globalization.LEMKE),
     ("path", 0, 0.5, globalization.CONTINUATION), ("path", 1, 0.5, globalization.CONTINUATION),
     ("search", 1, 0.5, globalization.SEARCH), ("descend", 1, 0.0, globalization.SEARCH)])
 def test_the_first_method_that_finds_a_solution(monkeypatch, solver, motions, friction, method):
-    """In their order; starts in which all nodes are alike for bodies without support."""
+    """In their order; starts in which all nodes are alike, and springs, for bodies without support.
+    """
     tried = []
 
     def attempt(name, found, nothing=None):
@@ -640,19 +642,20 @@ def test_the_first_method_that_finds_a_solution(monkeypatch, solver, motions, fr
         return call
 
     z, alike = np.array([1.0]), np.array([7.0])
-    monkeypatch.setattr(globalization.complementarity, "approached", attempt("newton", z))
+    monkeypatch.setattr(globalization.approximations, "approached", attempt("newton", z))
     monkeypatch.setattr(globalization.complementarity, "newton", attempt("all alike", z))
     monkeypatch.setattr(globalization.complementarity, "lemke", attempt("lemke", z))
     monkeypatch.setattr(globalization.complementarity, "all_alike", lambda problem: [alike])
     monkeypatch.setattr(globalization.complementarity, "descend", attempt("descend", z))
     monkeypatch.setattr(globalization, "search_states",
                         attempt("search", Search(z, True), Search(None, False)))
+    monkeypatch.setattr(globalization, "on_springs", attempt("springs", z))
     monkeypatch.setattr(globalization, "at_the_end_of_a_path", attempt("path", z))
     problem = SimpleNamespace(k=motions, bilateral=np.zeros(1, bool), n=2,
                               coefficient=np.array([friction]))
     found, by = globalization.solve_condensed(problem, np.zeros(1))
     assert found is z and by == method and tried[-1] == solver
-    order = ["newton", *(["all alike"] if motions else []), "lemke", "path", "descend"]
+    order = ["newton", *(["all alike", "springs"] if motions else []), "lemke", "path", "descend"]
     if solver == "search":
         order += ["descend", "search"]  # descent from two starts
     assert tried == order[: order.index(solver) + 1]
@@ -660,9 +663,11 @@ def test_the_first_method_that_finds_a_solution(monkeypatch, solver, motions, fr
 
 def test_where_no_method_finds_a_solution(monkeypatch):
     """There is none if all states were tried; of many nodes a few are searched."""
-    for name in ("approached", "lemke", "descend"):
+    monkeypatch.setattr(globalization.approximations, "approached", lambda *_: None)
+    for name in ("lemke", "descend"):
         monkeypatch.setattr(globalization.complementarity, name, lambda *_: None)
     monkeypatch.setattr(globalization.complementarity, "all_alike", lambda problem: [])
+    monkeypatch.setattr(globalization, "on_springs", lambda *_: None)
     monkeypatch.setattr(globalization, "at_the_end_of_a_path", lambda *_: None)
     problem = SimpleNamespace(k=1, bilateral=np.zeros(1, bool), n=globalization.MOST_NODES,
                               coefficient=np.ones(1))
@@ -679,7 +684,7 @@ def test_where_no_method_finds_a_solution(monkeypatch):
 def test_many_nodes_are_not_solved_by_pivots(monkeypatch, more, pivots):
     """Of k nodes there are about 4 k, each of 16 k^2 numbers: minutes and more."""
     tried = []
-    monkeypatch.setattr(globalization.complementarity, "approached", lambda *_: None)
+    monkeypatch.setattr(globalization.approximations, "approached", lambda *_: None)
     monkeypatch.setattr(globalization.complementarity, "lemke", tried.append)
     problem = SimpleNamespace(k=0, bilateral=np.zeros(1, bool),
                               n=globalization.CONDENSED_NODES + more)

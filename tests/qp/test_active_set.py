@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from driver.qp import active_set, complementarity
+from driver.qp import active_set, approximations
 from driver.qp.active_set import _Descent, solution_within
-from driver.qp.complementarity import approximation, newton
+from driver.qp.approximations import approximation
+from driver.qp.complementarity import newton
 from driver.qp.coulomb import CoulombProblem
 from driver.qp.one_solution import only_solution
 
@@ -64,7 +65,7 @@ def test_newton_circles_where_bodies_rock():
         given = bounded(problem, problem.bounds(start))
         circled += newton(given, start) is None
         assert given.solves(approximation(problem, start))
-        assert problem.solves(complementarity.approached(problem, start))
+        assert problem.solves(approximations.approached(problem, start))
         assert given.solves(only_solution(given, start))  # of a scene with given bounds
     assert circled >= 6
 
@@ -144,3 +145,44 @@ def test_many_rows_are_let_go_and_held_at_once(monkeypatch):
     monkeypatch.setattr(active_set, "ARC", ())
     assert springs.solves(solution_within(springs, np.append(np.ones(n), -np.ones(n))))
     assert 2 * together < len(taken) - together
+
+
+def test_rows_that_would_leave_where_they_are_are_held_together(monkeypatch):
+    """A flat that is pushed up most at one end: all rows give way, of which a few carry."""
+    n, taken = 100, []
+    flat = CoulombProblem(np.full((n, n), 10.0) + np.eye(n), np.linspace(0.01, 1.0, n), np.zeros(0),
+                          np.zeros(0, int))
+    least = _Descent._least
+    monkeypatch.setattr(_Descent, "_least", lambda *args: taken.append(1) or least(*args))
+    monkeypatch.setattr(active_set, "ARC", ())
+    x = solution_within(flat, np.zeros(n))
+    assert flat.solves(x) and np.count_nonzero(x) < n / 2
+    assert len(taken) < 10
+
+
+def dragged(lacking: float) -> CoulombProblem:
+    """Two nodes of a body that nothing but friction holds along them, pressed and dragged by as
+    much as that carries, and by `lacking` more.
+    """
+    return CoulombProblem(np.eye(4), np.array([1.0, 1.0, 0.0, 0.0]), np.full(2, 0.3),
+                          np.arange(2), motions=np.array([[0.0], [0.0], [1.0], [1.0]]),
+                          balance=np.array([0.6 + lacking]))
+
+
+@pytest.mark.parametrize("lacking, nearly", [(1e-8, True), (1e-4, True), (0.1, False)])
+def test_bounds_that_nearly_hold_a_body_have_forces(lacking, nearly):
+    """They are within bounds, in balance but for what these lack, and not the solution."""
+    problem = dragged(lacking)
+    given = problem.under(problem.load, np.zeros(2), offset=np.full(2, 0.3))
+    assert solution_within(given, np.zeros(5)) is None
+    z = solution_within(given, np.zeros(5), 1e-3)
+    assert (z is not None) == nearly
+    if nearly:
+        np.testing.assert_allclose(z[:4], [1.0, 1.0, 0.3, 0.3], rtol=1e-9)
+
+
+@pytest.mark.parametrize("lacking, nearly", [(1e-7, True), (1e-4, False)])
+def test_bodies_that_glide_are_held_by_rounding(lacking, nearly):
+    """Forces that obey the law but for as little are left to the judgement of residuals."""
+    z = only_solution(dragged(lacking), np.zeros(5))
+    assert (z is not None) == nearly

@@ -5,7 +5,7 @@ import pytest
 from test_continuation import random_problem
 
 from driver.march.globalization import solve_condensed
-from driver.qp import coefficients, complementarity
+from driver.qp import approximations, coefficients
 from driver.qp.coulomb import ROUNDING, CoulombProblem
 
 NODES = 6
@@ -37,7 +37,7 @@ def test_bodies_on_weak_springs_find_the_friction_of_their_slip():
     found = 0
     for seed in range(40):
         problem = on_springs(seed)
-        start = complementarity.approached(problem, np.zeros(2 * NODES))
+        start = approximations.approached(problem, np.zeros(2 * NODES))
         z = None if start is None else coefficients.consistent(problem, start, law)
         if z is not None:
             slip = problem.movement(z)[NODES:]

@@ -14,8 +14,7 @@ import pytest
 from contact_law import assert_obeys
 from driver.hard.dense import box_qp
 from driver.qp import complementarity, pivots, state_system
-from driver.qp.complementarity import (
-    all_solutions, approached, index, lemke, newton, search, settled)
+from driver.qp.complementarity import all_solutions, index, lemke, newton, search, settled
 from driver.contact.states import OPEN, STICK
 from driver.qp.coulomb import BACKWARD, FORWARD, CoulombProblem
 from driver.qp.state_system import StateSystem
@@ -466,54 +465,6 @@ def test_inequalities_of_states_hold_in_them_alone(seed):
         other[node] = FORWARD + BACKWARD - states[node]
         if abs(moved[4 + node]) > 1e-6:
             assert complementarity._slack(problem, other, z).min() < -rounding
-
-
-def test_approximations_lead_out_of_a_cycle_of_states():
-    """From rest Newton's method goes round and round in some of these problems, and in all of them
-    the bounds of an approximation or two are near enough.
-    """
-    cycles = 0
-    for seed in range(40, 70):
-        problem = random_problem(seed, 10)
-        rest = np.zeros(problem.rows)
-        cycles += newton(problem, rest) is None
-        assert_obeys(problem, approached(problem, rest))
-    assert cycles
-
-
-@pytest.mark.parametrize("descends", [True, False])
-def test_a_cycle_without_friction_is_not_approached_again(monkeypatch, descends):
-    """There are no bounds to approximate: Newton's method is tried once, a descent ends it; where
-    there is none, once for each augmentation.
-    """
-    tried = []
-    monkeypatch.setattr(complementarity, "newton", lambda *_: tried.append(1))
-    if not descends:
-        monkeypatch.setattr(complementarity, "solution_within", lambda *_: None)
-    problem = random_problem(1, 4)
-    problem = problem.under(problem.load, np.zeros(4))
-    assert problem.solves(approached(problem, np.zeros(8))) == descends
-    assert len(tried) == (1 if descends else len(complementarity.PARTS))
-
-
-@pytest.mark.parametrize("nodes", [8, 20])
-@pytest.mark.parametrize("together", [1.0, 10.0])
-def test_a_surface_that_turns_back_is_followed_by_softer_movements(nodes, together, monkeypatch):
-    """All nodes slid forward and are dragged back: each is rigid, but together they give way by
-    `together` more. Counted by the rigidity of one a movement throws them to and fro; a descent of
-    the energy, left out here, ends that as well, but not of bodies without support.
-    """
-    monkeypatch.setattr(complementarity, "solution_within", lambda *_: None)
-    distance = np.abs(np.subtract.outer(np.arange(nodes), np.arange(nodes)))
-    near, none = np.exp(-distance), np.zeros((nodes, nodes))
-    compliance = np.block([[near, none], [none, near + together]])
-    pressure = np.linspace(1.0, 2.0, nodes)
-    forth = np.append(pressure, 0.4 * pressure)
-    back = np.append(pressure, -0.2 * pressure)  # all nodes stick: there is no slip to be undone
-    problem = CoulombProblem(compliance, compliance @ back, np.full(nodes, 0.4), np.arange(nodes))
-    np.testing.assert_allclose(approached(problem, forth), back, rtol=1e-9)
-    monkeypatch.setattr(complementarity, "PARTS", (1.0,))
-    assert approached(problem, forth) is None
 
 
 @pytest.mark.parametrize("nodes, changes, settles", [

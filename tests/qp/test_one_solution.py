@@ -7,7 +7,7 @@ import pytest
 
 from contact_law import assert_obeys
 from driver.qp import one_solution
-from driver.qp.complementarity import approached
+from driver.qp.approximations import approached
 from driver.qp.coulomb import CoulombProblem
 from driver.qp.nearby import Nearby
 from driver.qp.one_solution import only_solution
@@ -90,7 +90,7 @@ def test_a_body_that_nothing_holds_yet_starts_where_all_nodes_stick(monkeypatch)
     assert 10 < np.count_nonzero(z[:60] > 0) < 50
     assert_obeys(problem, z)
     monkeypatch.setattr(one_solution, "_first", lambda problem, start: start)
-    monkeypatch.setattr(one_solution, "_on_springs", lambda problem, start: None)
+    monkeypatch.setattr(one_solution, "on_springs", lambda problem, start: None)
     assert only_solution(problem, problem.whole(np.zeros(119))) is None
 
 
@@ -115,7 +115,7 @@ def test_springs_hold_a_body_that_friction_bounds_on_the_way_do_not(turned, monk
     problem = lug(turned)
     z = only_solution(problem, problem.whole(np.zeros(48)))
     assert_obeys(problem, z)
-    monkeypatch.setattr(one_solution, "_on_springs", lambda problem, start: None)
+    monkeypatch.setattr(one_solution, "on_springs", lambda problem, start: None)
     assert only_solution(problem, problem.whole(np.zeros(48))) is None
 
 

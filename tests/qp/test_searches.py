@@ -10,7 +10,7 @@ import pytest
 import scipy.optimize
 
 from driver.march import globalization
-from driver.qp import branching, coefficients, complementarity, scaled
+from driver.qp import approximations, branching, coefficients, complementarity, scaled
 from driver.qp.coulomb import FORWARD, CoulombProblem
 from driver.qp.scaled import Scaled
 from driver.hard.bounded import unbalanced_by_friction
@@ -539,7 +539,7 @@ def test_a_path_ends_in_a_solution_that_other_methods_do_not_find(seed, motions,
     """Found by going through random problems: five nodes, much friction."""
     problem = random_problem(seed, 5, motions, pulls, friction)
     start = problem.whole(0 * problem.load)
-    assert complementarity.approached(problem, start) is None
+    assert approximations.approached(problem, start) is None
     assert globalization._newton_from_all_alike(problem) is None
     assert complementarity.lemke(problem) is None
     assert globalization._descended(problem, start) is None
