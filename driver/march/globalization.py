@@ -4,12 +4,11 @@
 2. The contact rows alone, condensed: semismooth Newton from the last iterate, or from successive
    approximations beside it, and where that does not settle, for bodies without support, the same
    on springs that follow them; then Lemke's method, which finds a solution for any friction
-   coefficient. It may fail for bodies without support and contact that pulls: then
-   a path of solutions under loads that become the step's, states that violate the law less and
-   less, and branch and bound over all states, which may prove that there is no solution; of more
-   nodes than MOST_NODES all this among those that touch or nearly do (few_nodes.py). Where slip
-   changes friction, a solution with given coefficients is the start for that with those of its own
-   slip.
+   coefficient. It may fail for bodies without support and contact that pulls: then a path of
+   solutions under loads that become the step's, states that violate the law less and less, and
+   branch and bound over all states, which may prove that there is no solution; of more nodes than
+   MOST_NODES all this among those that touch or nearly do (few_nodes.py). Where slip changes
+   friction, a solution with given coefficients is the start for that with those of its own slip.
 
 Smaller steps are not among them: a time step has a solution whatever its size.
 """
