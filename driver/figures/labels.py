@@ -2,25 +2,28 @@
 
 Every number has a few places to choose from, along the longest piece of its boundary: inside the
 body, outside of it, and farther off at the end of a line. The one with the least against it is
-taken: other numbers, arrows, a place that is nearer to another boundary, on the far side of a thin
-body, or inside another one.
+taken: other numbers, arrows, marks of obstacles, a place that is nearer to another boundary, on the
+far side of a thin body, or inside another one.
 """
 
 import numpy as np
 from matplotlib.quiver import Quiver
 
 from ..vectors import turned_left
+from .obstacle import MARKS
 from .outline import chains
 
 MOST_LABELS = 30
 ALONG = (0.5, 0.25, 0.75, 0.1, 0.9)  # where on a piece of boundary, in the order of preference
-INSIDE, OUTSIDE, AWAY = 0.032, 0.04, 0.075  # of the body's size: distance from the boundary
+# of the body's size: distance from the boundary
+INSIDE, OUTSIDE, AWAY = 0.032, 0.04, (0.075, 0.15)
 WIDER = 0.009  # of it: more where a boundary is beside the number, for each digit beyond two
-APART, CLEAR = 0.045, 0.026  # of the body's size: from another number, from an arrow
+# of the body's size: from another number, from an arrow, from a mark
+APART, CLEAR, UNMARKED = 0.045, 0.026, 0.015
 TOUCHING = 0.3  # of a number's distance from its boundary, by which another one may be nearer
 # what there is against a place
-CROWDED, FOREIGN, CROSSED, LED, BETWEEN, INTO, OUTER, BUSY, FAR = (
-    5.0, 4.0, 3.0, 1.5, 1.2, 1.0, 0.5, 0.5, 0.4)
+CROWDED, FOREIGN, CROSSED, MARKED, LED, BETWEEN, INTO, OUTER, BUSY, FAR, FARTHER = (
+    5.0, 4.0, 3.0, 2.0, 1.5, 1.2, 1.0, 0.5, 0.5, 0.4, 0.3)
 
 
 def label_numbers(axes, boundary: dict, edges: tuple, size: float, colours: dict) -> None:
@@ -30,14 +33,14 @@ def label_numbers(axes, boundary: dict, edges: tuple, size: float, colours: dict
     the picture, which has its arrows already.
     """
     names, taken = np.unique(boundary["label"]), np.empty((0, 2))
-    arrows = _arrows(axes)
+    arrows, marks = _arrows(axes), _marks(axes)
     for name in names if len(names) <= MOST_LABELS else ():
         own = np.flatnonzero(boundary["label"] == name)
         # a load may act on a part of its label
         role = next((str(role) for role in boundary["role"][own] if role != "free"), "free")
         places = _places(own, edges, size, role, WIDER * max(0, len(f"{name:g}") - 2))
         place, start, led = min(places, key=lambda p: p[-1] + _against(p, own, edges, size, taken,
-                                                                      arrows))[:3]
+                                                                      arrows, marks))[:3]
         taken = np.vstack([taken, place])
         if led:
             axes.plot(*np.stack([start, place]).T, color=colours[role], lw=0.5, zorder=3.5)
@@ -58,7 +61,7 @@ def _places(own: np.ndarray, edges: tuple, size: float, role: str,
     groups = [own[chain] for chain in chains(start[own], end[own])]
     longest = max(groups, key=lambda group: np.linalg.norm(end[group] - start[group], axis=1).sum())
     busy = BUSY * (role != "free")  # hatches, obstacles and arrows are outside
-    outside = AWAY if role == "springs" else OUTSIDE  # beyond their ends
+    outside = AWAY[0] if role == "springs" else OUTSIDE  # beyond their ends
     places = []
     for part in ALONG:
         point, edge = _at(start[longest], end[longest], part)
@@ -67,8 +70,9 @@ def _places(own: np.ndarray, edges: tuple, size: float, role: str,
         beyond = point + (outside + more) * size * out
         places += [(point - (INSIDE + more) * size * out, point, False, off),
                    (beyond, point, False, off + OUTER + busy + INTO * within(beyond, start, end))]
-        places += [(point + AWAY * size * (way * out + across * aside), point, True, off + LED)
-                   for way in (1, -1) for across in (0, 1, -1)]
+        places += [(point + away * size * (way * out + across * aside), point, True,
+                    off + LED + FARTHER * (away > AWAY[0]))
+                   for away in AWAY for way in (1, -1) for across in (0, 1, -1)]
     return places
 
 
@@ -91,11 +95,12 @@ def _at(start: np.ndarray, end: np.ndarray, part: float) -> tuple[np.ndarray, in
 
 
 def _against(candidate: tuple, own: np.ndarray, edges: tuple, size: float, taken: np.ndarray,
-             arrows: tuple) -> float:
+             arrows: tuple, marks: tuple) -> float:
     """What there is against a place in its surroundings."""
     place, point, led, _ = candidate
     against = CROWDED * (np.linalg.norm(taken - place, axis=1) < APART * size).any()
     against += CROSSED * (distances(place, *arrows) < CLEAR * size).any()
+    against += MARKED * (distances(place, *marks) < UNMARKED * size).any()
     away = distances(place, *edges[:2])
     if led:  # the line says whose it is
         return against + FOREIGN * (away.min() < CLEAR * size)
@@ -118,6 +123,13 @@ def _arrows(axes) -> tuple[np.ndarray, np.ndarray]:
     heads = [tail + np.column_stack([part.U, part.V]) for tail, part in zip(tails, drawn)]
     none = [np.empty((0, 2))]
     return np.concatenate(tails or none), np.concatenate(heads or none)
+
+
+def _marks(axes) -> tuple[np.ndarray, np.ndarray]:
+    """Starts and ends (m, 2) of the marks of obstacles in the picture."""
+    drawn = [part.get_segments() for part in axes.collections if part.get_gid() == MARKS]
+    ends = np.array([segment for part in drawn for segment in part]).reshape(-1, 2, 2)
+    return ends[:, 0], ends[:, 1]
 
 
 def distances(place: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:

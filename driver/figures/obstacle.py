@@ -17,6 +17,7 @@ FLAT = 1e-9  # 1 - cosine between normals of a flat obstacle
 WHOLE = 1.0  # of the body's size: obstacles up to which are drawn with what is farther away
 LATER = 1.5  # of the body's size: how far away obstacles are drawn that it meets later
 REACH = 0.2  # of a picture's width: half of what is drawn of a plane
+MARKS = "marks"  # what they are called in a picture
 ROUND = 4  # marks of a curved obstacle are those of a body at most so many times as large
 STRAIGHT = 1.2  # length of an obstacle over its extent up to which its marks do not meet
 STEEP = 0.87  # sine of the angle between surface and nodes, from which its ends are not drawn
@@ -31,7 +32,7 @@ def hatch(axes, start, end, normal, size: float, colour) -> None:
     out = normal[edge]
     tips = points + 0.034 * size * (out + turned_left(out)) / math.sqrt(2)
     axes.add_collection(LineCollection(
-        np.stack([points, tips], axis=1), colors=colour, linewidths=0.6))
+        np.stack([points, tips], axis=1), colors=colour, linewidths=0.6, gid=MARKS))
     axes.update_datalim(tips)
 
 

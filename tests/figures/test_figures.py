@@ -1181,6 +1181,21 @@ def test_the_number_of_a_thin_layer_is_not_in_the_body_above():
     assert y > 0.6 and not 4 <= x <= 12
 
 
+def test_numbers_of_a_thin_bar_are_not_on_the_marks_of_its_obstacle():
+    """Label 4 below a bar from 0 to 20, which has no room inside, and the obstacle under it."""
+    start = np.array([(0, 0), (20, 0), (20, 0.6), (0, 0.6)], float)
+    end = np.roll(start, -1, axis=0)
+    axes = Figure().add_subplot()
+    ground = np.array([[[0.0, -0.5], [20.0, -0.5]]])
+    obstacle.hatch(axes, ground[:, 0], ground[:, 1], np.array([[0.0, -1.0]]), 20.0, "black")
+    labels.label_numbers(axes, {"label": np.array([4, 5, 6, 7]), "role": np.array(
+        ["contact", "free", "free", "free"])}, (start, end, outline.right_of(start, end)), 20.0,
+        {"free": "black", "contact": "green"})
+    place = next(np.array(text.get_position()) for text in axes.texts if text.get_text() == "4")
+    marks = np.array(axes.collections[0].get_segments())
+    assert labels.distances(place, marks[:, 0], marks[:, 1]).min() > 0.3
+
+
 def test_magnification_respects_gaps_and_large_displacements(tmp_path):
     """Closed nodes on a gap of 1 mm under a body of 2 m: (s - 1) 1 mm stay below a hundredth of
     the size; displacements of a tenth of the size are to scale.
