@@ -73,6 +73,7 @@ def _followed(problem: CoulombProblem, start: np.ndarray, softness: float) -> np
 class _Descent:
     """Forces x (n + m,) within their bounds `lower` and `upper`, `slope` (n + m,) and `energy`
     there, and the numbers of changes that are `left`, and of multiplications for them: `work`.
+    `vain`: changes since projections helped.
     """
 
     def __init__(self, problem: CoulombProblem, start: np.ndarray):
@@ -80,7 +81,7 @@ class _Descent:
         bound = problem.offsets
         self.lower = np.append(np.where(problem.bilateral, -np.inf, 0.0), -bound)
         self.upper = np.append(np.full(n, np.inf), bound)
-        self.left, self.work = CHANGES * problem.rows, WORK
+        self.left, self.work, self.vain = CHANGES * problem.rows, WORK, 0
         self._move(self._cut(start[: problem.rows]))
 
     def end(self) -> np.ndarray | None:
@@ -132,13 +133,17 @@ class _Descent:
 
         Where that lowers the energy more than to stop at the first bound, the least `room`; then
         all rows that have met theirs are `held`. Whether it does. (J. J. More, G. Toraldo, SIAM J.
-        Optim. 1 (1991) 93-113.)
+        Optim. 1 (1991) 93-113.) It is tried ever more rarely where it does not.
         """
+        self.vain += 1
+        if self.vain & (self.vain - 1):  # 1, 2, 4, 8, ... in vain
+            return False
         least, fall = float(room.min()), -float(self.slope @ way)
         aim = self.energy - fall * (least - 0.5 * least**2)
         for part in ARC:
             if part > least and self._move(self._cut(self.x + part * way), aim):
                 held |= room <= part
+                self.vain = 0
                 return True
         return False
 

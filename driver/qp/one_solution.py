@@ -16,7 +16,7 @@ from .nearby import nearly_in
 
 NEAR = 0.1  # part of the nodes whose movements say another state than their forces, at most
 SOFT = 0.03  # part of the rigidity by which movements count in approximations
-APPROXIMATIONS = 3  # of friction bounds that come no nearer to the law by what is CLOSER
+APPROXIMATIONS = 6  # of friction bounds that come no nearer to the law by what is CLOSER
 CLOSER = 0.9  # times the least violation of the law by those before
 # compliance of springs, over that of a row: of softer ones less is left to be followed, of stiffer
 # ones the first solution is sooner found. Of 270 lugs on pins that turn by 0.3 to 1.2 times what

@@ -186,3 +186,14 @@ def test_bodies_that_glide_are_held_by_rounding(lacking, nearly):
     """Forces that obey the law but for as little are left to the judgement of residuals."""
     z = only_solution(dragged(lacking), np.zeros(5))
     assert (z is not None) == nearly
+
+
+def test_projections_are_tried_ever_more_rarely_where_they_fail(monkeypatch):
+    tried = []
+    monkeypatch.setattr(_Descent, "_move", lambda self, x, aim=np.inf: tried.append(aim))
+    descent = _Descent(bounded(rocking(0), np.full(N, 0.1)), np.zeros(2 * N))
+    descent.energy, descent.slope, descent.x = 0.0, np.full(2 * N, -1.0), np.zeros(2 * N)
+    del tried[:]
+    for _ in range(64):
+        descent._projected(np.ones(2 * N), np.full(2 * N, 1e-3), np.zeros(2 * N, bool))
+    assert len(tried) == 7 * len(active_set.ARC)  # after 1, 2, 4, ... 64 changes

@@ -103,9 +103,9 @@ def test_newtons_method_alone_goes_to_and_fro():
     assert sum(end is None for end in ends) > 5
 
 
-@pytest.mark.parametrize("falls, made", [(0.8, 12), (1.0, 3)])
+@pytest.mark.parametrize("falls, made", [(0.8, 12), (1.0, 6)])
 def test_approximations_go_on_as_long_as_they_come_nearer(monkeypatch, falls, made):
-    """Twelve where each violates the law by less, three where none does; then others follow."""
+    """Twelve where each violates the law by less, six where none does; then others follow."""
     problem, off = abreast(0), [1.0]
     monkeypatch.setattr(one_solution, "_nearer", lambda problem, start: start)
     monkeypatch.setattr(one_solution, "_ended", lambda *_: "found" if len(off) > 12 else None)
