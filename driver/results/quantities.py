@@ -151,14 +151,18 @@ def largest_pressure(nodes: dict, pieces: list[np.ndarray], pressure: np.ndarray
 
 
 def _over_period(nodes: dict, pressure: np.ndarray, piece: np.ndarray) -> tuple:
-    """Arc (k,) and traction (k,) on a piece, with the next node beyond where a period ends."""
+    """Arc (k,) and traction (k,) on a piece, with the next node beyond where a period ends, and
+    where it is largest, at one of the piece's own nodes rather than at an image of it.
+    """
     arc, p = nodes["arc"][piece], traction(nodes, pressure, piece)
+    top = int(np.argmax(p))
     for end, follows in zip((0, -1), onward(nodes, piece)):
         if follows >= 0:
             side = nodes["seam"][piece[end]]
             at, place = (len(arc), arc[-1] + side) if end else (0, arc[0] - side)
             arc, p = np.insert(arc, at, place), np.insert(p, at, pressure[follows])
-    return arc, p
+            top += at == 0
+    return arc, p, top if p[top] >= p.max() else int(np.argmax(p))
 
 
 def traction(nodes: dict, pressure: np.ndarray, piece: np.ndarray) -> np.ndarray:
@@ -182,12 +186,13 @@ def traction(nodes: dict, pressure: np.ndarray, piece: np.ndarray) -> np.ndarray
     return p
 
 
-def peak(arc: np.ndarray, values: np.ndarray) -> float:
+def peak(arc: np.ndarray, values: np.ndarray, top: int | None = None) -> float:
     """Largest of `values` (k,) over `arc`, of a parabola where both neighbours are positive.
 
-    At an edge of contact, beyond which they vanish, they are not smooth.
+    At an edge of contact, beyond which they vanish, they are not smooth. `top` is the largest node
+    where that is known.
     """
-    k = int(np.argmax(values))
+    k = int(np.argmax(values)) if top is None else top
     if k in (0, len(values) - 1):
         return float(values[k])
     x, y = arc[k - 1 : k + 2] - arc[k], values[k - 1 : k + 2]
