@@ -147,18 +147,35 @@ def largest_pressure(nodes: dict, pieces: list[np.ndarray], pressure: np.ndarray
     if not len(pressure):
         return 0.0
     size = np.abs(pressure)
-    return max(peak(*_over_period(nodes, size, piece)) for piece in pieces)
+    return max(_largest(nodes, size, piece) for piece in pieces)
 
 
-def _over_period(nodes: dict, pressure: np.ndarray, piece: np.ndarray) -> tuple:
-    """Arc (k,) and traction (k,) on a piece, with the next node beyond where a period ends."""
-    arc, p = nodes["arc"][piece], traction(nodes, pressure, piece)
+def _largest(nodes: dict, pressure: np.ndarray, piece: np.ndarray) -> float:
+    """The same of pressures (n,) that are positive on one piece."""
+    members, arc, own = _over_period(nodes, piece)
+    p = pressure[members]
+    p[own] = traction(nodes, pressure, piece)
+    return peak(arc, p, _top(p, own))
+
+
+def _over_period(nodes: dict, piece: np.ndarray) -> tuple[np.ndarray, np.ndarray, slice]:
+    """Nodes (k,) of a piece and their arc (k,), with the next node beyond where a period ends, and
+    which of them are the piece.
+    """
+    members, arc, begin = piece, nodes["arc"][piece], 0
     for end, follows in zip((0, -1), onward(nodes, piece)):
         if follows >= 0:
             side = nodes["seam"][piece[end]]
             at, place = (len(arc), arc[-1] + side) if end else (0, arc[0] - side)
-            arc, p = np.insert(arc, at, place), np.insert(p, at, pressure[follows])
-    return arc, p
+            arc, members = np.insert(arc, at, place), np.insert(members, at, follows)
+            begin += at == 0
+    return members, arc, slice(begin, begin + len(piece))
+
+
+def _top(values: np.ndarray, own: slice) -> int:
+    """Where values (k,) are largest: where the piece's `own` are, rather than at an image of it."""
+    top = own.start + int(np.argmax(values[own]))
+    return top if values[top] >= values.max() else int(np.argmax(values))
 
 
 def traction(nodes: dict, pressure: np.ndarray, piece: np.ndarray) -> np.ndarray:
@@ -182,12 +199,13 @@ def traction(nodes: dict, pressure: np.ndarray, piece: np.ndarray) -> np.ndarray
     return p
 
 
-def peak(arc: np.ndarray, values: np.ndarray) -> float:
+def peak(arc: np.ndarray, values: np.ndarray, top: int | None = None) -> float:
     """Largest of `values` (k,) over `arc`, of a parabola where both neighbours are positive.
 
-    At an edge of contact, beyond which they vanish, they are not smooth.
+    At an edge of contact, beyond which they vanish, they are not smooth. `top` is the largest node
+    where that is known.
     """
-    k = int(np.argmax(values))
+    k = int(np.argmax(values)) if top is None else top
     if k in (0, len(values) - 1):
         return float(values[k])
     x, y = arc[k - 1 : k + 2] - arc[k], values[k - 1 : k + 2]
@@ -213,12 +231,16 @@ def longest_ways(nodes: dict, piece: np.ndarray, steps: dict) -> np.ndarray:
     mesh size only. What the open node beyond has moved while its neighbour slid counts up to it.
     Where contact recedes the farthest point lies at an edge of before: no way becomes shorter.
     """
-    move, status = moves(steps)[:, piece], steps["status"][:, piece]
+    members, arc, own = _over_period(nodes, piece)
+    move, status = moves(steps)[:, members], steps["status"][:, members]
     sliding = status == SLIP
     way, longest = np.where(sliding, move, 0.0).cumsum(axis=0), np.zeros(len(move))
-    for k, slid in enumerate(way):
-        together = _on_the_same_way(slid, status[: k + 1], sliding[: k + 1])
-        longest[k] = peak(nodes["arc"][piece], together)
+    tops = [_top(slid, own) for slid in way]
+    together = [_on_the_same_way(slid, status[: k + 1], sliding[: k + 1], tops[k])
+                for k, slid in enumerate(way)]
+    move, sliding = move[:, own], sliding[:, own]
+    for k, slid in enumerate(way[:, own]):
+        longest[k] = peak(arc, together[k], tops[k])
         for closed, beyond, part in edges_of_contact(nodes, piece, steps, k):
             along = sliding[: k + 1, closed] | sliding[: k + 1, beyond]
             with_it = np.where(along, move[: k + 1, beyond], 0.0).sum()
@@ -228,13 +250,14 @@ def longest_ways(nodes: dict, piece: np.ndarray, steps: dict) -> np.ndarray:
     return np.maximum.accumulate(longest)
 
 
-def _on_the_same_way(slid: np.ndarray, status: np.ndarray, sliding: np.ndarray) -> np.ndarray:
-    """`slid` (k,), zero beside the node that slid farthest where nodes were open while it did.
+def _on_the_same_way(slid: np.ndarray, status: np.ndarray, sliding: np.ndarray,
+                     top: int) -> np.ndarray:
+    """`slid` (k,), zero beside the node `top` that slid farthest where nodes were open while it
+    did.
 
     Their ways are shorter by what it did alone: a step that no parabola follows. `status` and
     `sliding` (steps, k) until then.
     """
-    top = int(np.argmax(slid))
     near = slice(max(top - 1, 0), top + 2)
     left = ((status[:, near] == OPEN) & sliding[:, [top]]).any(axis=0)
     kept = slid.copy()

@@ -930,6 +930,28 @@ def test_a_peak_at_the_end_of_a_period_is_that_of_the_boundary_that_goes_on(forw
     assert q.largest_pressure(nodes, pieces, pressure) == pytest.approx(1.0, rel=1e-12)
 
 
+@pytest.mark.parametrize("first", range(8))
+def test_peaks_do_not_depend_on_where_a_period_begins(first):
+    """f = 2 - (s - 0.01)^2 at s = -0.1, 0, 0.1, less elsewhere, on a boundary that follows itself,
+    as a pressure and as a way of sliding.
+
+    The parabola through three nodes is exact, wherever among them the first node is.
+    """
+    values = np.roll([1.0 + 0.1 * k for k in range(5)]
+                     + [2 - (s - 0.01) ** 2 for s in (-0.1, 0.0, 0.1)], first)
+    nodes = {"arc": 0.1 * np.arange(8), "chain": np.zeros(8, int),
+             "xy": np.column_stack([0.1 * np.arange(8), np.zeros(8)]),
+             "weight": np.full(8, 0.1), "length": np.full(8, 0.1), "gap": np.zeros(8),
+             "paired": np.zeros(8, bool), "middle": np.zeros(8, bool),
+             "mirrored": np.zeros(8, bool), "onward": np.array([7, *[-1] * 6, 0]),
+             "seam": np.array([0.1, *[0.0] * 6, 0.1])}
+    piece = np.arange(8)
+    assert q.largest_pressure(nodes, [piece], values) == pytest.approx(2.0, rel=1e-12)
+    steps = {"slip": values[None] / 2 * [[1], [-1]], "status": np.full((2, 8), SLIP),
+             "u_n": np.zeros((2, 8)), "sigma_n": np.full((2, 8), -1.0), "sigma_t": np.ones((2, 8))}
+    assert q.longest_ways(nodes, piece, steps) == pytest.approx([1.0, 2.0], rel=1e-12)
+
+
 @pytest.mark.parametrize("bow, paired, straight", [(0.0, False, True), (1e-3, False, False),
                                                    (0.0, True, False)])
 def test_a_round_obstacle_on_a_straight_boundary_makes_no_polygon_of_it(bow, paired, straight):
