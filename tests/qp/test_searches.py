@@ -545,3 +545,13 @@ def test_a_path_ends_in_a_solution_that_other_methods_do_not_find(seed, motions,
     assert globalization._descended(problem, start) is None
     found, method = globalization.solve_condensed(problem, start)
     assert problem.solves(found) and method == globalization.CONTINUATION
+
+
+@pytest.mark.parametrize("force, solves", [(1e-19, True), (1e-12, False)])
+def test_a_loose_body_without_loads_feels_no_rounding(force, solves):
+    """A node that just touches where gaps are of 1, and what rounding leaves of its force: nothing
+    else acts on the body, of whose forces it is all.
+    """
+    body = CoulombProblem(np.eye(2), np.array([0.0, -1.0]), np.zeros(0), np.zeros(0, int), False,
+                          np.array([[1.0], [1.0]]), np.zeros(1))
+    assert body.solves(np.array([force, 0.0, 0.0])) == solves
