@@ -89,9 +89,8 @@ def _within(problem: CoulombProblem, start: np.ndarray, least: float = 0.0,
             **how) -> np.ndarray | None:
     """Solution under given friction bounds, by Newton's method, `how`, or a descent of the energy.
 
-    `least` as active_set.solution_within takes it.
-
-    What rounding keeps from both may be found where movements count by less.
+    `least` as active_set.solution_within takes it. What rounding keeps from both may be found where
+    movements count by less.
     """
     solution = newton(problem, start, **how)
     if solution is None:

@@ -79,9 +79,9 @@ def on_springs(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
 
     Friction bounds on the way to those of the solution need not suffice to hold them.
     """
-    softness = SPRINGS * np.median(1.0 / problem.rigidity)
+    own = np.median(1.0 / problem.rigidity)
     x, rest = start[: problem.rows], start[problem.rows :]
-    for softness in softness * SOFTER ** np.arange(FOLLOWED):
+    for softness in own * SPRINGS * SOFTER ** np.arange(FOLLOWED):
         x = only_solution(problem.on_springs(softness, rest), x)
         if x is None:
             return None
