@@ -247,7 +247,7 @@ class CoulombProblem:
 
         `move` (n + m,) is the movement at z, if known. Balance is relative to what acts on motions,
         if that is less: the lips of a slit may press one another by any force, of which the body
-        that lies loose feels nothing. Of loose bodies that nothing loads what acts is rounding.
+        that lies loose feels nothing. Where nothing loads such bodies, what acts may be rounding.
         """
         x, move = z[: self.rows], self.movement(z) if move is None else move
         force = self.scale(x)
@@ -261,7 +261,8 @@ class CoulombProblem:
         rub = tangential - np.clip(tangential + slip, -bound, bound)
         net = np.abs(self.balance - self.motions.T @ x) / self.reach
         acting = (np.abs(self.balance) + np.abs(self.motions).T @ np.abs(x)) / self.reach
-        acting = np.clip(acting.max(initial=0), ROUNDED * force, force)
+        least = 0.0 if self.balance.any() else ROUNDED * force
+        acting = np.clip(acting.max(initial=0), least, force) or force
         return float(max(np.abs(natural).max(initial=0) / force, np.abs(rub).max(initial=0) / force,
                          net.max(initial=0) / acting))
 
