@@ -56,13 +56,10 @@ def _on_springs(problem: CoulombProblem, start: np.ndarray, least: float) -> np.
 def _followed(problem: CoulombProblem, start: np.ndarray, softness: float) -> np.ndarray | None:
     """As `_on_springs`, whose compliance per unit reach is `softness`; the last z without a rest.
     """
-    x, rest = start[: problem.rows], start[problem.rows :]
-    for _ in range(FOLLOWED):
-        x = _Descent(problem.on_springs(softness, rest), x).end()
-        if x is None:
-            return None
-        rest = problem.sprung(softness, rest, x)
-        z = np.append(x, rest)
+    z = None
+    for z in problem.along_springs(start, [softness] * FOLLOWED, solution_within):
+        if z is None:
+            break
         # on the border of states, where nodes move by rounding, the one that springs leave
         for end in (problem.solution_in(problem.states(z), problem.signs(z)), z):
             if problem.solves(end):

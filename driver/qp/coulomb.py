@@ -262,7 +262,7 @@ class CoulombProblem:
         net = np.abs(self.balance - self.motions.T @ x) / self.reach
         acting = (np.abs(self.balance) + np.abs(self.motions).T @ np.abs(x)) / self.reach
         least = 0.0 if self.balance.any() else ROUNDED * force
-        acting = np.clip(acting.max(initial=0), least, force) or force
+        acting = np.clip(acting.max(initial=0), least, force)
         return float(max(np.abs(natural).max(initial=0) / force, np.abs(rub).max(initial=0) / force,
                          net.max(initial=0) / acting))
 
@@ -281,3 +281,16 @@ class CoulombProblem:
     def sprung(self, softness: float, rest: np.ndarray, x: np.ndarray) -> np.ndarray:
         """(k,) where the bodies `on_springs` are under the forces x (n + m,)."""
         return rest + softness * (self.balance - self.motions.T @ x) / self.reach**2
+
+    def along_springs(self, start: np.ndarray, softnesses, method):
+        """z of the bodies on springs of one after the other of the `softnesses`, whose rest follows
+        them from `start` z: by `method` (problem, x). None, and no more, where that finds none.
+        """
+        x, rest = start[: self.rows], start[self.rows :]
+        for softness in softnesses:
+            x = method(self.on_springs(softness, rest), x)
+            if x is None:
+                yield None
+                return
+            rest = self.sprung(softness, rest, x)
+            yield np.append(x, rest)

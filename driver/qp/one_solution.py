@@ -79,17 +79,10 @@ def on_springs(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
 
     Friction bounds on the way to those of the solution need not suffice to hold them.
     """
-    own = np.median(1.0 / problem.rigidity)
-    x, rest = start[: problem.rows], start[problem.rows :]
-    for softness in own * SPRINGS * SOFTER ** np.arange(FOLLOWED):
-        x = only_solution(problem.on_springs(softness, rest), x)
-        if x is None:
-            return None
-        rest = problem.sprung(softness, rest, x)
-        solution = _ended(problem, np.append(x, rest))
-        if solution is not None:
-            return solution
-    return None
+    softnesses = np.median(1.0 / problem.rigidity) * SPRINGS * SOFTER ** np.arange(FOLLOWED)
+    ends = (None if z is None else _ended(problem, z)
+            for z in problem.along_springs(start, softnesses, only_solution))
+    return next((end for end in ends if end is not None), None)
 
 
 def _first(problem: CoulombProblem, start: np.ndarray) -> np.ndarray:

@@ -235,16 +235,14 @@ def longest_ways(nodes: dict, piece: np.ndarray, steps: dict) -> np.ndarray:
     move, status = moves(steps)[:, members], steps["status"][:, members]
     sliding = status == SLIP
     way, longest = np.where(sliding, move, 0.0).cumsum(axis=0), np.zeros(len(move))
-    tops = [_top(slid, own) for slid in way]
-    together = [_on_the_same_way(slid, status[: k + 1], sliding[: k + 1], tops[k])
-                for k, slid in enumerate(way)]
-    move, sliding = move[:, own], sliding[:, own]
-    for k, slid in enumerate(way[:, own]):
-        longest[k] = peak(arc, together[k], tops[k])
-        for closed, beyond, part in edges_of_contact(nodes, piece, steps, k):
+    for k, slid in enumerate(way):
+        top = _top(slid, own)
+        longest[k] = peak(arc, _on_the_same_way(slid, status[: k + 1], sliding[: k + 1], top), top)
+        for *ends, part in edges_of_contact(nodes, piece, steps, k):
+            closed, beyond = np.add(ends, own.start)
             along = sliding[: k + 1, closed] | sliding[: k + 1, beyond]
             with_it = np.where(along, move[: k + 1, beyond], 0.0).sum()
-            side = abs(nodes["arc"][piece[beyond]] - nodes["arc"][piece[closed]])
+            side = abs(arc[beyond] - arc[closed])
             longest[k] = max(longest[k],
                              float(slid[closed] + part / side * (with_it - slid[closed])))
     return np.maximum.accumulate(longest)
